@@ -5,7 +5,7 @@
 Each seed hits a structure five times at each drive point with a soft pulse of random height; every channel has noise of
 1 % of its rms. `cubic`, `case 1` and `case 2` are the structures of the virtual sine-beat series, so slightly hit that
 their joints do not slip; `two drive points` hits case 2 at two places. The other worlds are those of case 1 with
-accelerations that are 50 us late (`late`) or 2 % too large (`gain`), one sensor that is so late that its phase at the
+accelerations that are 50 µs late (`late`) or 2 % too large (`gain`), one sensor that is so late that its phase at the
 highest mode is 1 rad (`late sensor`), another sensor named as the drive point (`wrong point`), a record that ends while
 the structure still moves (`cut`), hits up to as hard as the highest sine beats, so that joints slip (`hard`; in `hard
 alike` all have nearly one height), and a force that counts in the other direction (`turned`). No seed is dropped. A

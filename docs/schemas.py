@@ -340,7 +340,7 @@ def _powers() -> Json:
 
 def _free_decay() -> Json:
     curve = ("amplitude", "amplitude_unit", "frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
-    rest = ("start_s", "stop_s", "beginning", "law_misfit", "warnings", "frequency_low_hz", "damping_low")
+    rest = ("gain_std", "start_s", "stop_s", "beginning", "law_misfit", "warnings", "frequency_low_hz", "damping_low")
     repeats = {"repeats": {"type": "array", "description": "the single decays, where several were pooled"}}
     return fields_of(Decay, "name", "mode", *curve, *rest) | _residual_of(Decay) | _powers() | _joint() | repeats
 

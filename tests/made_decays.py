@@ -1,6 +1,15 @@
 """Decays with known laws that tests and benchmarks share."""
 
+from functools import cache
+
 import numpy as np
+from scipy.integrate import solve_ivp
+
+from opid.modal.linear.modes import LinearModes, modal_test
+from opid.signals.recording import recording_from_arrays
+
+SENSED_FS, SENSED_OMEGA, SENSED_LEVEL = 1024.0, 2.0 * np.pi * 40.0, 1e-3
+SENSED_K3 = 0.08 * SENSED_OMEGA**2 / SENSED_LEVEL**2
 
 
 def decay_with_friction(*, fs, duration_s, k0, c0, friction, amplitude):
@@ -25,3 +34,49 @@ def noisy_after_rest(signal, rng, fraction):
     """Return a signal after 500 samples of rest, in noise of a fraction of the rms of its first 1000 samples."""
     whole = np.concatenate([np.zeros(500), signal])
     return whole + fraction * signal[:1000].std() * rng.standard_normal(whole.size)
+
+
+@cache
+def hardening_mode():
+    """Return times and accelerations of a mode with the stiffness SENSED_OMEGA^2 and SENSED_K3."""
+    time = np.arange(6144) / SENSED_FS
+
+    def force(q, v):
+        return 0.008 * SENSED_OMEGA * v + SENSED_OMEGA**2 * q + SENSED_K3 * q**3
+
+    found = solve_ivp(
+        lambda _, y: [y[1], -force(*y)], (0.0, time[-1]), [SENSED_LEVEL, 0.0], "DOP853", time, rtol=1e-9, atol=1e-14
+    )
+    return time, -force(*found.y)
+
+
+def decay_at_sensors(seed, *, n_sensors=6, wrong_gain=1.0, shape_error=0.0):
+    """Return a test with a hardening mode at 40 Hz and one at 63 Hz at sensors, one of which has a wrong gain.
+
+    The name of that sensor is returned, too. The first mode is `hardening_mode`; `shape_error` is that of the shapes
+    that are told, over their rms.
+    """
+    rng = np.random.default_rng(seed)
+    time, first = hardening_mode()
+    second = first.std() * np.exp(-0.005 * 2 * np.pi * 63 * time) * np.cos(2 * np.pi * 63 * time + rng.uniform(0, 6))
+    shapes = 0.5 * rng.standard_normal((n_sensors, 2))
+    wrong = int(rng.integers(n_sensors))
+    gains = np.where(np.arange(n_sensors) == wrong, wrong_gain, 1.0)
+    motion = np.vstack([np.zeros((400, n_sensors)), np.column_stack([first, second]) @ shapes.T]) * gains
+    motion += 1e-3 * motion.std() * rng.standard_normal(motion.shape)
+    told = shapes + 0.5 * shape_error * rng.standard_normal(shapes.shape)
+    names = tuple(f"s{index}" for index in range(n_sensors))
+    modes = LinearModes([40.0, 63.0], [0.004, 0.005], told, names)
+    recording = recording_from_arrays(list(motion.T), names, fs=SENSED_FS, unit="m/s^2")
+    return modal_test(recording, modes, name="ring"), names[wrong]
+
+
+def two_close_modes(seed, *, apart_hz=0.1, noise=0.003, fs=1024.0):
+    """Return the sum of two linear modes at 60 Hz and a little above, 6 s long, after 500 samples of rest."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(6.0 * fs)) / fs
+    first, second = 2 * np.pi * 60.0, 2 * np.pi * (60.0 + apart_hz)
+    signal = np.exp(-0.003 * first * time) * np.cos(first * time)
+    signal += 0.7 * np.exp(-0.0035 * second * time) * np.cos(second * time + rng.uniform(0, 2 * np.pi))
+    whole = np.concatenate([np.zeros(500), signal])
+    return whole + noise * whole.std() * rng.standard_normal(whole.size)

@@ -1,12 +1,15 @@
 import numpy as np
 import pytest
+from made_decays import SENSED_FS, SENSED_K3, SENSED_OMEGA, decay_at_sensors, two_close_modes
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure, iwan
-from opid.modal.decay.free_decay import decay_of, free_decay
+from opid.modal.decay.free_decay import decay_of, free_decay, pool_decays
+from opid.modal.forced.mode_tests import check_shapes
 from opid.modal.linear.modes import LinearModes, modal_test
+from opid.modal.settings import MODAL
 from opid.signals.recording import recording_from_arrays
 
 FS = 4096.0
@@ -199,6 +202,47 @@ def test_a_bolted_joint_shows_its_backbone():
     assert np.abs(decay.damping_ratio / zeta - 1.0)[top].max() < 0.04
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_curves_without_a_law_carry_their_scatter(seed):
+    """A joint that stops to slip within the record, where the damping falls steeply."""
+    joint = iwan(stiffness_n_per_m=0.05 * K0, slip_force_n=0.02 * K0 * LEVEL, n=40)
+    rest, damping = 0.95 * K0, 0.004 * OMEGA
+    structure = Structure([[1.0]], [[damping]], [[rest]], (Joint("bolt", np.array([1.0]), sliders=joint),))
+    start = {"initial_velocity": [OMEGA * LEVEL], "steps_per_sample": 4}
+    ring = time_response(structure, lambda t: np.zeros((t.size, 1)), fs=FS, duration_s=2.5, **start)
+    decay = free_decay(record(ring.acceleration[:, 0], noise=0.003, seed=seed), fs=FS)
+    assert decay.law is None or decay.law_misfit > MODAL.most_misfit
+    frequency, zeta = slipping(joint, decay.amplitude, rest, damping)
+    assert (np.abs(decay.frequency_hz - frequency) < 2.5 * decay.frequency_std_hz).all()
+    assert (np.abs(decay.damping_ratio - zeta) < 2.5 * decay.damping_std).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("noise", [0.003, 0.03])
+def test_two_linear_modes_whose_beat_is_longer_than_the_decay_are_no_law(seed, noise):
+    decay = free_decay(two_close_modes(seed, noise=noise), fs=1024.0, near_hz=60.0)
+    assert decay.law is None
+    assert any("two linear modes at" in each for each in decay.warnings)
+    for truth in (60.0, 60.1):
+        assert (np.abs(decay.frequency_hz - truth) < 1.96 * decay.frequency_std_hz).mean() > 0.9
+
+
+def test_repeats_of_two_linear_modes_are_no_law_either():
+    orders = {"stiffness_order": 3, "damping_order": 2}
+    decays = [free_decay(two_close_modes(seed), fs=1024.0, near_hz=60.0, **orders) for seed in range(2)]
+    with pytest.raises(NotDeterminedError, match=r"two linear modes at .* Hz, whose beat is slow"):
+        pool_decays(decays, **orders)
+
+
+@pytest.mark.parametrize("level", [0.1, 0.2, 1.0])
+def test_a_weakly_nonlinear_mode_is_not_taken_for_two(level):
+    signal = motion(level=level * LEVEL)[2]
+    for seed in range(2):
+        decay = free_decay(record(signal, seed=seed), fs=FS)
+        assert decay.warnings == ()
+        assert decay.stiffness[1].holds(K0)
+
+
 def test_a_mode_of_a_test_is_in_modal_coordinates(clean):
     modes = LinearModes([120.0, 300.0], [0.004, 0.006], [[0.5, 0.3], [0.5, -0.3]], ("a", "b"))
     one = record(clean[2])
@@ -270,6 +314,9 @@ def test_a_mode_that_gains_energy_has_no_interval_of_its_damping():
     assert decay.damping[1].std is None
     assert decay.damping_low.value is None
     assert any("the damping at small amplitude is negative" in each for each in decay.warnings)
+    # The law lies beside those that do not decay: finite differences across that edge are no derivatives.
+    assert decay.stiffness[1].std is None
+    assert any("no interval is given: the best law lies at the edge" in each for each in decay.warnings)
 
 
 def rings(signs):
@@ -290,3 +337,48 @@ def test_sensors_of_a_wrong_sign_are_found_in_a_decay():
     assert "24 % of the motion of test 'ring' around mode 1 is no sum of the mode shapes: with the opposite" in warning
     with pytest.raises(InputError, match=r"73 % of the motion .* with the opposite sign of 'b' it would be 0 %"):
         decay_of(rings([1, -1, 1, 1]), 1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("gain", [1.3, 0.7, 0.0])
+def test_a_sensor_of_a_wrong_gain_widens_the_law(seed, gain):
+    test, wrong = decay_at_sensors(seed, wrong_gain=gain)
+    if check_shapes(test, 1, (32.0, 48.0)).faults:
+        with pytest.raises(InputError, match="is no sum of the mode shapes"):
+            decay_of(test, 1)
+        return
+    decay = decay_of(test, 1, stiffness_order=3, damping_order=1)
+    assert decay.stiffness[3].holds(SENSED_K3)
+    # The frequencies of a mode do not depend on the gain.
+    assert decay.stiffness[1].value == pytest.approx(SENSED_OMEGA**2, rel=3e-5)
+    named = [each for each in decay.warnings if "with a gain of" in each]
+    assert all(f"with a gain of {gain:.2f} of {wrong!r} it would be 0 %" in each for each in named)
+
+
+def test_a_sensor_of_a_wrong_gain_is_named():
+    """Of some sensors another one makes nearly the same motion outside the shapes: then none is named."""
+    made = [decay_at_sensors(seed, wrong_gain=1.3) for seed in range(12)]
+    named = [(check_shapes(test, 1, (32.0, 48.0)).cause, wrong) for test, wrong in made]
+    assert sum(f"with a gain of 1.30 of {wrong!r} it would be 0 %" in cause for cause, wrong in named) >= 5
+    assert all(repr(wrong) in cause or not cause for cause, wrong in named)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_right_gains_give_no_warning_and_keep_the_law(seed):
+    decay = decay_of(decay_at_sensors(seed)[0], 1, stiffness_order=3, damping_order=1)
+    assert decay.warnings == ()
+    assert decay.stiffness[3].holds(SENSED_K3)
+    assert decay.stiffness[3].std < 0.03 * SENSED_K3  # the calibrations of the sensors
+    # Shapes with errors of 3 % are wrong gains, too, if no single sensor is to blame.
+    wrong = decay_of(decay_at_sensors(seed, n_sensors=10, shape_error=0.03)[0], 1, stiffness_order=3, damping_order=1)
+    assert wrong.stiffness[3].holds(SENSED_K3)
+    assert not any("with a gain of" in each for each in wrong.warnings)
+
+
+def test_the_gain_of_a_signal_widens_what_depends_on_the_amplitude():
+    test = decay_at_sensors(0)[0]
+    options = {"fs": SENSED_FS, "near_hz": 40.0, "stiffness_order": 3, "damping_order": 1, "mode": 1}
+    given, loose = (free_decay(test.modal_acceleration(1), gain_std=gain, **options) for gain in (0.0, 0.1))
+    assert loose.stiffness[3].std == pytest.approx(0.2 * SENSED_K3, rel=0.01)
+    assert loose.stiffness[1] == given.stiffness[1]
+    assert loose.frequency_std_hz[0] > 5 * given.frequency_std_hz[0]

@@ -25,7 +25,7 @@ from opid.mechanics.structure import modal_assurance
 from opid.modal.decay.free_decay import decay_of
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import fit_mode
-from opid.modal.forced.mode_tests import measure_outside_shapes
+from opid.modal.forced.mode_tests import check_shapes
 from opid.modal.identification import identify_modes, warn_of_records
 from opid.modal.linear.frequency_response import cmif, forced_record, measured_response, resynthesised, weigh_response
 from opid.modal.linear.modes import (
@@ -211,10 +211,10 @@ def test_a_wrong_sign_of_a_gauge_is_named():
     given = record(strike(100), MIXED)
     samples = given.samples * np.where(np.equal(given.names, "gauge_2"), -1.0, 1.0)
     test = modal_test(replace(given, samples=samples), beam(*MIXED), name="t", force="force", drive_point="a")
-    outside, clause = measure_outside_shapes(test, (80.0, 100.0))
-    assert outside > 0.1
-    assert clause == "with the opposite sign of 'gauge_2' it would be 0 %"
-    assert measure_outside_shapes(driven(strike(100), MIXED), (80.0, 100.0))[0] < 0.01
+    check = check_shapes(test, SOFT, (80.0, 100.0))
+    assert check.outside > 0.1
+    assert check.cause == "with the opposite sign of 'gauge_2' it would be 0 %"
+    assert check_shapes(driven(strike(100), MIXED), SOFT, (80.0, 100.0)).outside < 0.01
 
 
 def test_a_free_decay_is_followed_by_strains_as_by_accelerations():

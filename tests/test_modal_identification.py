@@ -14,7 +14,6 @@ from opid.modal.forced.mode_tests import (
     find_band,
     find_interactions,
     find_largest_mode,
-    measure_outside_shapes,
 )
 from opid.modal.identification import identify_modes
 from opid.modal.linear.modes import LinearModes, delay_forces, modal_test
@@ -154,24 +153,26 @@ def test_a_turned_and_an_exchanged_sensor_are_named():
     right = replace(FOUR, shapes=rng.standard_normal((8, 4)) * 0.4, sensors=sensors)
     test = measured(softening(right, 3), beat(40.0), rng)
     band = (100.0, 140.0)
-    assert measure_outside_shapes(test, band)[0] < 0.01
+    assert check_shapes(test, 3, band).outside < 0.01
     for row, words in ((3, "with the opposite sign of 'd'"), (6, "with the opposite sign of 'g'")):
         turned = right.shapes * np.where(np.arange(8) == row, -1.0, 1.0)[:, None]
-        fraction, cause = measure_outside_shapes(replace(test, modes=replace(right, shapes=turned)), band)
-        assert fraction > 0.1
-        assert cause.startswith(words)
+        check = check_shapes(replace(test, modes=replace(right, shapes=turned)), 3, band)
+        assert check.outside > 0.1
+        assert check.cause.startswith(words)
     exchanged = replace(right, shapes=right.shapes[[0, 4, 2, 3, 1, 5, 6, 7]])
-    fraction, cause = measure_outside_shapes(replace(test, modes=exchanged), band)
-    assert cause.startswith("with 'b' and 'e' exchanged")
-    assert MODAL.warned_outside < fraction < MODAL.most_outside
+    check = check_shapes(replace(test, modes=exchanged), 3, band)
+    assert check.cause.startswith("with 'b' and 'e' exchanged")
+    assert MODAL.warned_outside < check.outside < MODAL.most_outside
     wrong = modal_test(test.recording, exchanged, name="beat", force="force", drive_point="a")
-    faults, (warning,) = check_shapes(wrong, 3, band)
-    assert not faults
+    check = check_shapes(wrong, 3, band)
+    (warning,) = check.warnings
+    assert not check.faults
     assert "is no sum of the mode shapes: with 'b' and 'e' exchanged it would be 0 %" in warning
     many = replace(right, shapes=right.shapes[::-1])
-    (fault,), warnings = check_shapes(replace(test, modes=many), 3, band)
-    assert not warnings
-    assert "check the order, signs and units of the sensors" in fault
+    check = check_shapes(replace(test, modes=many), 3, band)
+    (fault,) = check.faults
+    assert not check.warnings
+    assert "check the order, signs, gains and units of the sensors" in fault
 
 
 def test_a_correction_stays_with_the_linear_properties_it_was_found_with():

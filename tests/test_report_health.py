@@ -204,7 +204,7 @@ def test_channels_without_a_unit_are_told_together():
     assert "Warning: a, b: states no unit: give it.\n" in said
 
 
-@pytest.mark.parametrize(("value", "words"), [(0.9999, "1 s"), (0.0123, "12.3 ms"), (2e-6, "2 us"), (5e-9, "5 ns")])
+@pytest.mark.parametrize(("value", "words"), [(0.9999, "1 s"), (0.0123, "12.3 ms"), (2e-6, "2 µs"), (5e-9, "5 ns")])
 def test_times_are_told_in_a_unit_that_needs_no_zeros(value, words):
     clock = ClockHealth("", ("upper_z",), 500.0, False, 0.0, 4.0, 2000, resolution_s=value)
     assert f"rounded to {words})" in flat(opid.text(replace(health_with(small(), clocks=(clock,)), log="x")))

@@ -49,6 +49,15 @@ class ModalThresholds:
     most_strain: float = 0.05
     most_outside: float = 0.5  # rms fraction of the motion that no shapes make: a test with more is refused ...
     warned_outside: float = 0.1  # ... and a test with more than this gets a warning
+    left_by_cause: float = 0.3  # part of the motion outside the shapes that is left where its cause is found
+    # standard deviation of the gain of a sensor, that of a calibration; shapes with errors of 3 % look like more
+    gain_tolerance: float = 0.01
+    # standard deviation of the gain of a mode's coordinate from which it is told: a cubic coefficient is then known to
+    # a tenth, and shapes with errors of 3 % at six sensors and more seldom make it worse
+    doubtful_gain: float = 0.05
+    # departure of a sensor's gain from 1 from which it is named: no calibration, and hardly an error of a shape, is
+    # off by as much
+    least_wrong_gain: float = 0.1
     # fraction of the motion of the mode under test, rms of modal accelerations, from which another mode is named as
     # coupled
     least_answer: float = 0.3
@@ -170,6 +179,17 @@ class ModalThresholds:
     # distance from 2 or 3 times the frequency of the mode at which another one may exchange energy with it, a fraction
     # of that multiple; nearer than 0.06 in the ratio a line cannot be told from the harmonic of the mode itself
     partner_width: float = 0.05
+    # beats in a decay with which the search for two close linear modes begins; more are seen as a swing, and resolved
+    first_beats: tuple[float, ...] = (0.1, 0.25, 0.5, 0.8, 1.2, 1.8, 2.5, -0.1, -0.25, -0.5, -0.8, -1.2, -1.8, -2.5)
+    tried_beats: int = 5  # the likeliest of these starts, from which the search goes on
+    alike_damping: float = 3.0  # largest ratio of the damping of two close modes: others imitate slip and friction
+    # squared errors that a last step would save, beyond chance and as a fraction of all, from which the search for a
+    # law was stopped at the edge of the possible laws; searches that end at a minimum save less than three
+    least_saved: float = 9.0
+    fraction_saved: float = 0.1
+    # smallest singular value over the largest, of the scaled columns of a law, below which coefficients cannot be told
+    # apart: differences of the slow flow have errors of 1e-8
+    least_shown: float = 3e-7
     drift_error: float = 0.1  # relative error of the drift of the frequency, which is taken from a smooth curve
     most_misfit: float = 3.0  # largest misfit of a law without a warning, in standard deviations of the noise
     # rms of the residual over the record, above which the first quarter of a decay is left out

@@ -100,7 +100,9 @@ def _tabulate_repeats(decay: Decay, law: DecayLaw) -> Table:
     return Table(
         (Column("repeat", align="left"), Column("frequency at zero", "Hz"), Column("damping at zero", "%")),
         tuple(rows),
-        note="Each by its own law; the scatter is the standard deviation between the repeats by their common law.",
+        note="Each by its own law; the scatter is the standard deviation between the repeats by their common law. As "
+        f"{len(decay.repeats)} repeats alone tell it, the 95 % intervals of k1, c1 and of the values at zero are those "
+        f"of Student's t for {len(decay.repeats) - 1} degrees of freedom, wider than 1.96 standard deviations.",
     )
 
 

@@ -212,8 +212,8 @@ def _say_clock(clock: ClockHealth) -> str:
 
 
 def _format_seconds(value: float) -> str:
-    """A time in a unit in which it needs no zeros: "3.5 s", "10 ms", "1 us"."""
-    for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "us")):
+    """A time in a unit in which it needs no zeros: "3.5 s", "10 ms", "1 µs"."""
+    for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "µs")):
         if value * factor >= 0.9995:  # otherwise 999.9 ms would become 1e+03 ms
             return f"{format_number(value * factor, 3)} {unit}"
     return f"{format_number(1e9 * value, 3)} ns"

@@ -21,7 +21,7 @@ from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.law_search import LawForm, Linearisation, score_misfit, search_forms
 from opid.modal.decay.repeats import pool_repeats
-from opid.modal.decay.slow_flow import Flow, predict_decay, solve_slow_flow
+from opid.modal.decay.slow_flow import CloseModes, Flow, fit_close_modes, predict_decay, solve_slow_flow
 from opid.modal.decay.track import Track
 from opid.modal.forced.restoring_fit import sum_lagged_products
 from opid.modal.joint_terms import ModalJoint, joint_rows, make_joint
@@ -30,7 +30,19 @@ from opid.modal.settings import MODAL
 from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
+AT_EDGE = (
+    "the best law lies at the edge of those that decay over all amplitudes of the record, where nothing tells how well "
+    "its coefficients are known: lower the orders, or give another stretch"
+)
 IMPOSSIBLE = 1e8  # error of a law that does not vibrate or does not decay over all the record, standard deviations
+
+
+class CloseModesError(NotDeterminedError):
+    """Two close linear modes explain a decay, and no law of one mode does so as well."""
+
+    def __init__(self, message: str, modes: CloseModes) -> None:
+        super().__init__(message)
+        self.modes = modes
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +69,8 @@ class DecayLaw:
         misfit: rms error of amplitude and phase over its standard deviation; noise alone gives 1.
         phase_error: rms error of phase, rad, and of relative amplitude.
         warnings: one sentence for each warning about the law.
+        close_modes: two close linear modes that explain the decays as well, so that the law has no interval; None where
+            it explains them better.
     """
 
     stiffness: dict[int, Estimate]
@@ -75,6 +89,7 @@ class DecayLaw:
     misfit: float
     phase_error: float
     warnings: tuple[str, ...]
+    close_modes: CloseModes | None = None
 
     @property
     def law(self) -> Law:
@@ -146,6 +161,7 @@ def fit_decays(
     damping_order: int | None = None,
     friction: bool | None = None,
     memory: bool | None = None,
+    gain_std: float = 0.0,
 ) -> DecayLaw:
     """Fit one law to one or several free decays of a mode.
 
@@ -154,11 +170,13 @@ def fit_decays(
     if the order of the damping is found; where it is given, they are only there if asked for.
 
     Several decays are repeats: k0 and c0 may differ between them, the other coefficients are common. The intervals of
-    k0, c0 and of the values at zero amplitude then hold the mean of such repeats.
+    k0, c0 and of the values at zero amplitude then hold the mean of such repeats. The intervals of the coefficients
+    allow for a common gain of all amplitudes of the standard deviation `gain_std`, as a fraction.
 
     Raises:
         InputError: orders outside 1 to 5.
-        NotDeterminedError: fewer windows than coefficients, or a law that does not decay.
+        NotDeterminedError: fewer windows than coefficients, a law that does not decay, or two linear modes that explain
+            the decays better (`CloseModesError`).
     """
     for word, order in (("stiffness_order", stiffness_order), ("damping_order", damping_order)):
         if order is not None and not 1 <= order <= HIGHEST_ORDER:
@@ -180,13 +198,20 @@ def fit_decays(
     problem = _Problem(
         seen,
         [_ScaledTrack.from_track(track, length, rate, derivative) for track in tracks],
-        _Units(length, rate, derivative),
+        _Units(length, rate, derivative, gain_std),
         stiffness_order,
         damping_order,
     )
     free = None if damping_order is None else False
-    fitted = _fit_what_is_asked(problem, free if friction is None else friction, free if memory is None else memory)
-    return _describe_law(problem, _doubt_without_friction(problem, fitted) if friction is None else fitted)
+    close = _find_close_modes(problem.decays)
+    try:
+        fitted = _fit_what_is_asked(problem, free if friction is None else friction, free if memory is None else memory)
+    except NotDeterminedError:
+        _refuse_close_modes(problem, close, None)
+        raise
+    is_rival = _refuse_close_modes(problem, close, fitted.best)
+    law = _describe_law(problem, _doubt_without_friction(problem, fitted) if friction is None else fitted)
+    return _withhold_for_rival(law, close[0].scaled(rate)) if is_rival else law
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +291,7 @@ def _doubt_without_friction(problem: _Problem, fitted: _Fitted) -> _Fitted:
     except NotDeterminedError:
         return fitted
     likely = [each for each in rivals if each[0].damping_order <= order][: MODAL.rivals_with_friction]
-    fits = [best, *_try_forms(problem, likely).fits]
+    fits = [best, *(each for each in _try_forms(problem, likely).fits if not each.is_at_edge)]
     gain = float(problem.score(fits)[0])
     if gain <= MODAL.decisive:
         return replace(fitted, fits=list(zip(fits, problem.weigh(fits).tolist(), strict=True)))
@@ -279,6 +304,68 @@ def _doubt_without_friction(problem: _Problem, fitted: _Fitted) -> _Fitted:
             f"Bayesian criterion, {MODAL.decisive:g} is decisive): neither damping at zero amplitude nor intervals of "
             "the damping are told; leave damping_order out, so that the law may have friction",
         ),
+    )
+
+
+def _find_close_modes(decays: Sequence[_ScaledTrack]) -> list[CloseModes]:
+    """Return the two linear modes that explain each decay; none where they do not."""
+    found = [
+        fit_close_modes(each.time, each.log_amplitude, each.phase, each.root)
+        for each in decays
+        if 2 * each.time.size > CloseModes.SIZE + 2
+    ]
+    return found if len(found) == len(decays) and all(each.is_plausible for each in found) else []
+
+
+def _refuse_close_modes(problem: _Problem, close: Sequence[CloseModes], best: _Fit | None) -> bool:
+    """Refuse decays that two linear modes explain better than the best law, None without one.
+
+    Returns:
+        Whether they explain the decays as well as the law, so that nothing tells which is right.
+    """
+    if not close:
+        return False
+    # A law of other terms than those that are asked for speaks against two modes, too.
+    free = replace(problem, stiffness_order=None, damping_order=None)
+    try:
+        others = _try_forms(free, free.search_forms(None, None))
+    except NotDeterminedError:
+        others = _Tried([], [], None)
+    laws = [*([] if best is None else [best]), *others.fits, *others.undetermined]
+    if laws:
+        best = laws[int(np.argmin(problem.score(laws)))]
+        squares = [best.squares, sum(each.squares for each in close)]
+        scores = score_misfit(squares, problem.n_data, [best.form.size * len(close), CloseModes.SIZE * len(close)])
+        better = float(scores[0] + best.form.prior_score - scores[1] - MODAL.joint_evidence)
+        if better < MODAL.joint_evidence:
+            return better > -MODAL.bare_mention
+    modes = close[0].scaled(problem.units.rate)
+    low, high = modes.frequency_hz
+    raise CloseModesError(
+        f"two linear modes at {low:.6g} and {high:.6g} Hz, whose beat is slow, explain the decay better than a law of "
+        "one mode: frequency and damping over amplitude are those of their sum; separate the modes with several "
+        "sensors (a modal filter), or hit where one of them hardly moves",
+        modes,
+    )
+
+
+def _withhold_for_rival(law: DecayLaw, close: CloseModes) -> DecayLaw:
+    """Return a law without intervals, because two close modes explain the decays as well."""
+    low, high = close.frequency_hz
+    names = ("friction", "slip", "slip_exponent", "frequency_low_hz", "damping_low")
+    bare = {name: getattr(law, name).without_interval() for name in names}
+    return replace(
+        law,
+        stiffness={power: each.without_interval() for power, each in law.stiffness.items()},
+        damping={power: each.without_interval() for power, each in law.damping.items()},
+        **bare,
+        warnings=(
+            *law.warnings,
+            f"the decay is too short to tell this law from two linear modes at {low:.6g} and {high:.6g} Hz, so that no "
+            "interval is given: add decays of other heights from other places, or separate the modes with several "
+            "sensors (a modal filter)",
+        ),
+        close_modes=close,
     )
 
 
@@ -312,11 +399,12 @@ class _ScaledTrack:
 
 @dataclass(frozen=True)
 class _Units:
-    """Length and rate by which a fit is scaled, and the derivative that was measured."""
+    """Length and rate by which a fit is scaled, the derivative that was measured, and how well its gain is known."""
 
     length: float
     rate: float
     derivative: int
+    gain_std: float
 
     def find_factors(self, form: LawForm, vector: FloatArray) -> FloatArray:
         """Return (p,) factors from the coefficients of a form to SI units."""
@@ -327,6 +415,15 @@ class _Units:
         return np.array(
             [*of_k, *of_c, *of_friction, *([self.rate**2 * self.length ** -(1 + exponent), 1.0] * form.has_memory)]
         )
+
+    def find_gain_error(self, form: LawForm, vector: FloatArray) -> FloatArray:
+        """Return (p,) by how much the coefficients of a form change by one standard deviation of the gain.
+
+        A law of the power n of g q has a coefficient g^(1 - n) times that of q; friction is of the power 0.
+        """
+        above_one = [*range(form.stiffness_order), *range(form.damping_order), *[-1.0] * form.has_friction]
+        above_one += [1.0 + form.split(vector)[2].exponent, 0.0] * form.has_memory
+        return -self.gain_std * np.array(above_one) * vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,6 +438,7 @@ class _Fit:
     phase_error: float
     squares: float
     repeats: int
+    repeat_misfit: float
 
     @property
     def places(self) -> tuple[int, int]:
@@ -357,10 +455,16 @@ class _Fit:
         return np.array([k0, c0, root, 0.5 * c0 / root]), slopes @ self.covariance @ slopes.T
 
     @property
+    def is_at_edge(self) -> bool:
+        """Whether there is an impossible law beside this one, so that nothing tells how well it is known."""
+        return bool(np.isnan(self.covariance).any())
+
+    @property
     def is_active(self) -> bool:
         """Whether the mode gains energy at small amplitude, which no structure at rest does, beyond chance."""
         place = self.places[1]
-        return bool(self.vector[place] + 2.0 * np.sqrt(self.covariance[place, place]) < 0.0)
+        spread = 0.0 if self.is_at_edge else 2.0 * np.sqrt(self.covariance[place, place])
+        return bool(self.vector[place] + spread < 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -415,6 +519,7 @@ def _try_forms(problem: _Problem, forms: Sequence[tuple[LawForm, FloatArray]]) -
 
 def _weigh_fits(problem: _Problem, fits: list[_Fit]) -> list[tuple[_Fit, float]]:
     """Return fits with their weights, first the simplest of the best criterion."""
+    fits = [each for each in fits if not each.is_at_edge] or fits
     fits = [each for each in fits if not each.is_active] or fits
     chosen = min(np.flatnonzero(problem.score(fits) < MODAL.bare_mention), key=lambda j: fits[j].form.size)
     weighed = list(zip(fits, problem.weigh(fits).tolist(), strict=True))
@@ -425,11 +530,14 @@ def _fit_form(problem: _Problem, form: LawForm, guess: FloatArray) -> _Fit:
     decays, derivative, damping = problem.decays, problem.units.derivative, float(np.median(problem.seen.damping))
     each_fit = [_refine(decay, form, guess, derivative, damping) for decay in decays]
     p, vector = form.size, each_fit[0][0]
-    covariance, scatter = each_fit[0][1], np.zeros(p)
+    covariance, scatter, repeat_misfit = each_fit[0][1], np.zeros(p), 1.0
     if len(decays) > 1:
+        if any(np.isnan(fit[1]).any() for fit in each_fit):
+            raise NotDeterminedError(f"for one of the decays {AT_EDGE}")
         vectors, covariances = ([fit[j] for fit in each_fit] for j in (0, 1))
         pooled = pool_repeats(vectors, covariances, [0, form.stiffness_order])
         vector, covariance, scatter = pooled.vector, pooled.covariance, pooled.scatter
+        repeat_misfit = pooled.misfit
     errors = np.concatenate([fit[2] for fit in each_fit])
     plain = np.concatenate([decay.root @ fit[2] for decay, fit in zip(decays, each_fit, strict=True)])
     squares, own = float(errors @ errors), (p + 2) * len(decays)
@@ -442,13 +550,17 @@ def _fit_form(problem: _Problem, form: LawForm, guess: FloatArray) -> _Fit:
         phase_error=float(np.sqrt(np.mean(plain**2))),
         squares=squares,
         repeats=len(decays),
+        repeat_misfit=repeat_misfit,
     )
 
 
 def _refine(
     decay: _ScaledTrack, form: LawForm, guess: FloatArray, derivative: int, damping: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the coefficients by amplitude and phase of one decay, (p,), their covariance and the errors, (2n,)."""
+    """Return the coefficients by amplitude and phase of one decay, (p,), their covariance and the errors, (2n,).
+
+    The covariance is nan where the search ends at the edge of the laws that decay over all amplitudes of the record.
+    """
     from scipy.optimize import least_squares
 
     low, high = _span([decay])
@@ -474,8 +586,21 @@ def _refine(
     found = least_squares(errors, start, x_scale=scale, method="trf", xtol=1e-11, ftol=1e-11, gtol=1e-11, max_nfev=60)
     if not np.abs(found.fun).max() < IMPOSSIBLE:
         raise NotDeterminedError("no law of these orders decays over all amplitudes of the record: lower the orders")
+    if _is_at_edge(found.jac, found.fun):
+        return found.x[: form.size], np.full((form.size, form.size), np.nan), found.fun
     covariance = _find_covariance(found.jac, found.fun)
     return found.x[: form.size], covariance[: form.size, : form.size], found.fun
+
+
+def _is_at_edge(jacobian: FloatArray, errors: FloatArray) -> bool:
+    """Return whether a search ended at a law beside which there is an impossible one, or far from the least errors."""
+    beyond = 1e-3 * IMPOSSIBLE / np.sqrt(np.finfo(float).eps)
+    if np.abs(jacobian).max() > beyond:
+        return True
+    # At a minimum no step changes the squared errors to first order.
+    basis = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
+    saved = float(np.sum((basis.T @ errors) ** 2))
+    return saved > MODAL.least_saved + MODAL.fraction_saved * float(errors @ errors)
 
 
 def _span(decays: Sequence[_ScaledTrack]) -> tuple[float, float]:
@@ -497,9 +622,12 @@ def _describe_law(problem: _Problem, fitted: _Fitted) -> DecayLaw:
     wider = np.full(best.vector.size, few)
     wider[list(best.places)] = low_std[:2] / np.sqrt(np.maximum(np.diag(spread)[:2], 1e-300))
     factors = units.find_factors(best.form, best.vector)
-    covariance = best.covariance * np.outer(wider, wider) * np.outer(factors, factors)
+    by_gain = units.find_gain_error(best.form, best.vector)
+    covariance = (best.covariance * np.outer(wider, wider) + np.outer(by_gain, by_gain)) * np.outer(factors, factors)
     n_k = best.form.stiffness_order
-    stiffness, damping, (friction, slip, exponent) = _estimate_coefficients(fitted, factors, covariance, few)
+    stiffness, damping, (friction, slip, exponent) = _estimate_coefficients(
+        fitted, factors, covariance, few, units.gain_std
+    )
     # Slip falls as a power of the amplitude below 1, and is far from gone at the smallest one that was seen.
     reaches = lowest <= MODAL.reaches_zero and not best.form.has_memory
     has_ratio = reaches and not (best.form.has_friction or best.is_active or fitted.is_doubted)
@@ -528,11 +656,12 @@ def _describe_law(problem: _Problem, fitted: _Fitted) -> DecayLaw:
 
 
 def _estimate_coefficients(
-    fitted: _Fitted, factors: FloatArray, covariance: FloatArray, few: float
+    fitted: _Fitted, factors: FloatArray, covariance: FloatArray, few: float, gain_std: float
 ) -> tuple[list[Estimate], list[Estimate], tuple[Estimate, Estimate, Estimate]]:
     """Return k_n, c_n, and friction, slip and exponent of the best fit in SI units, empty where it has none.
 
-    `factors` lead to SI units, in which the covariance is, and `few` widens for few windows.
+    `factors` lead to SI units, in which the covariance is; `few` widens for few windows, and `gain_std` for the gain of
+    the amplitudes.
     """
     best = fitted.best
     values, std = best.vector * factors, np.sqrt(np.diag(covariance))
@@ -551,7 +680,9 @@ def _estimate_coefficients(
     friction = Estimate()
     if best.form.has_friction:
         rest.pop(0)
-        friction = Estimate.normal(values[n_k + n_c], few * _widen_friction(fitted.fits) * factors[n_k + n_c])
+        # The gain of the amplitude changes friction by as much.
+        spread = np.hypot(few * _widen_friction(fitted.fits), gain_std * best.vector[n_k + n_c])
+        friction = Estimate.normal(values[n_k + n_c], spread * factors[n_k + n_c])
     slip, exponent = rest if rest else (Estimate(), Estimate())
     return estimates[:n_k], damping, (friction, slip, exponent)
 
@@ -610,6 +741,14 @@ def _warn_of_law(best: _Fit, lowest: float) -> list[str]:
         warnings.append(
             "the joint still slips at the smallest amplitude: frequency and damping at zero amplitude are not told"
         )
+    if best.repeat_misfit > MODAL.most_misfit:
+        warnings.append(
+            f"the laws of the single decays differ by {best.repeat_misfit:.2g} times what noise and the scatter of k0 "
+            "and c0 leave: frequency and damping are no functions of the amplitude alone, as with two close modes or a "
+            "structure that moved; the intervals are wider by as much"
+        )
+    if best.is_at_edge:
+        warnings.append(f"no interval is given: {AT_EDGE}")
     if best.is_active:
         warnings.append(
             "the damping at small amplitude is negative, which no structure at rest has: the law only describes the "
@@ -627,7 +766,13 @@ def _find_covariance(jacobian: FloatArray, errors: FloatArray) -> FloatArray:
     if not scale.min() > 0.0:
         raise NotDeterminedError("the decay does not show one of the coefficients: lower the orders")
     scaled = jacobian / scale
-    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13, hermitian=True)
+    sizes = np.linalg.svd(scaled, compute_uv=False)
+    if sizes[-1] < MODAL.least_shown * sizes[0]:
+        raise NotDeterminedError(
+            "the decay cannot tell two of the coefficients apart: lower the orders, or record a larger range of "
+            "amplitudes"
+        )
+    inverse = np.linalg.inv(scaled.T @ scaled)
     n, p = jacobian.shape
     white = inverse * max(float(errors @ errors) / max(n - p, 1), 1.0)
     both = (scaled * errors[:, None]).reshape(2, -1, p).sum(axis=0)

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError, nearest
-from opid.estimate import Estimate
+from opid.estimate import Estimate, format_percent
 from opid.json_values import plain
 from opid.mechanics.laws.law import Law
-from opid.modal.decay.fit import DecayLaw, find_backbone, fit_decays
+from opid.modal.decay.fit import CloseModesError, DecayLaw, find_backbone, fit_decays
+from opid.modal.decay.slow_flow import CloseModes
 from opid.modal.decay.stretch import ActingForce, Beginning, Stretch, find_free_part, find_hum, find_stretch
 from opid.modal.decay.track import Track, track_decay, widen_by_hum
-from opid.modal.forced.mode_tests import check_shapes
+from opid.modal.forced.mode_tests import ShapeCheck, check_shapes
 from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import coefficient_rows, coefficients_json
 from opid.modal.settings import MODAL
@@ -70,6 +71,8 @@ class Decay(Result):
         repeats: the single decays, where several were pooled; the curves over amplitude are those of the largest.
         settings: the options of `opid decay` by their names, and `log`; empty if another program made the result.
         files: the files that the record was read from.
+        gain_std: standard deviation of the gain of all amplitudes, as a fraction, which is in the intervals: by the
+            calibration of the sensors and by the motion that the shapes do not explain; 0 for a raw channel.
     """
 
     name: str
@@ -101,6 +104,7 @@ class Decay(Result):
     repeats: tuple[Decay, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[ReadFile, ...] = ()
+    gain_std: float = 0.0
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return frequency and damping at the largest and at zero amplitude, and the coefficients of the law."""
@@ -139,7 +143,7 @@ class Decay(Result):
         """Return the fields without the record; `k` and `c` by power, 1 is k0 and c0."""
         names = (
             *("name", "mode", "amplitude", "amplitude_unit", "frequency_hz", "frequency_std_hz", "damping_ratio"),
-            *("damping_std", "start_s", "stop_s", "beginning", "law_misfit", "warnings"),
+            *("damping_std", "gain_std", "start_s", "stop_s", "beginning", "law_misfit", "warnings"),
         )
         return {
             **{name: getattr(self, name) for name in names},
@@ -184,9 +188,9 @@ def decay_of(
     frequency = float(test.modes.frequency_hz[test.modes.index(mode)])
     if not frequency > 0.0:
         raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): it does not ring; name an elastic mode")
-    faults, doubts = check_shapes(test, mode, (0.8 * frequency, 1.2 * frequency))
-    if faults:
-        raise InputError("; ".join(faults))
+    check = check_shapes(test, mode, (0.8 * frequency, 1.2 * frequency))
+    if check.faults:
+        raise InputError("; ".join(check.faults))
     forces = [test.recording.channel(each.name) for each in test.recording.channels if each.unit == "N"]
     found = free_decay(
         test.modal_acceleration(mode),
@@ -201,8 +205,19 @@ def decay_of(
         memory=memory,
         name=test.name,
         mode=mode,
+        gain_std=check.gain_std,
     )
-    return replace(found, warnings=(*found.warnings, *doubts))
+    return replace(found, warnings=(*found.warnings, *_warn_of_shapes(check, test.name)))
+
+
+def _warn_of_shapes(check: ShapeCheck, name: str) -> Iterator[str]:
+    yield from check.warnings
+    if check.is_gain_doubtful:
+        yield (
+            f"{format_percent(check.outside, 2)} of the motion of test {name!r} outside the shapes leaves the "
+            f"amplitude of the mode uncertain by {format_percent(check.gain_std, 2)} (standard deviation): the "
+            "intervals of the coefficients above the power 1, and of friction and slip, allow for it"
+        )
 
 
 def free_decay(
@@ -222,6 +237,7 @@ def free_decay(
     length: Length = "m",
     name: str = "decay",
     mode: int | None = None,
+    gain_std: float = 0.0,
 ) -> Decay:
     """Return frequency and damping over amplitude of a free decay, and the law of the mode, from one signal.
 
@@ -246,6 +262,8 @@ def free_decay(
         memory: whether there is an Iwan joint, likewise.
         name: the name of the record.
         mode: number of the mode, if the signal is a modal coordinate.
+        gain_std: standard deviation of the gain of the signal, as a fraction, by which all intervals that depend on the
+            amplitude become wider.
 
     Raises:
         InputError: samples that are no series of finite numbers, an unknown quantity, a band or times out of range.
@@ -261,26 +279,10 @@ def free_decay(
     acting = None if force is None else find_free_part(series, force, fs=fs)
     limits = _Limits(near_hz, band_hz, start_s, stop_s)
     track, beginning, early = _follow_free(series, fs, limits, acting)
-    amplitude, natural, natural_std, damping, damping_std = find_backbone(track, derivative)
-    warnings = [*early, *_warn_of_track(track, amplitude)]
-    law: DecayLaw | None = None
-    try:
-        law = fit_decays(
-            [track],
-            derivative=derivative,
-            stiffness_order=stiffness_order,
-            damping_order=damping_order,
-            friction=friction,
-            memory=memory,
-        )
-        warnings += law.warnings
-        if law.misfit > MODAL.most_misfit:
-            warnings.append(
-                f"the misfit of the law is {law.misfit:.2g} times what noise would leave: the mode follows another "
-                "kind of law, use this one only within these amplitudes"
-            )
-    except NotDeterminedError as why:
-        warnings.append(f"no law: {why}")
+    orders: dict[str, Any] = {"stiffness_order": stiffness_order, "damping_order": damping_order}
+    law, of_law, close = _find_law(track, derivative, {**orders, "friction": friction, "memory": memory}, gain_std)
+    amplitude, natural, natural_std, damping, damping_std = _find_curves(track, derivative, law, close, gain_std)
+    warnings = [*early, *_warn_of_track(track, amplitude), *of_law]
     order = np.argsort(-amplitude)
     time_s, signal, envelope = _thin_for_plot(series, track, fs)
     return Decay(
@@ -310,6 +312,7 @@ def free_decay(
         fitted=law,
         warnings=tuple(warnings),
         beginning=beginning,
+        gain_std=gain_std,
     )
 
 
@@ -335,6 +338,7 @@ def law_of_decays(
         derivative=decays[0].derivative,
         stiffness_order=stiffness_order,
         damping_order=damping_order,
+        gain_std=max(decay.gain_std for decay in decays),
     )
 
 
@@ -374,7 +378,66 @@ def pool_decays(
         fitted=law,
         warnings=(*warnings, *law.warnings),
         repeats=tuple(decays),
+        gain_std=max(each.gain_std for each in decays),
     )
+
+
+def _find_law(
+    track: Track, derivative: int, choices: Mapping[str, Any], gain_std: float
+) -> tuple[DecayLaw | None, list[str], CloseModes | None]:
+    """Return the law of a decay, what to doubt in it, and two close modes that explain the decay as well or better."""
+    try:
+        law = fit_decays([track], derivative=derivative, **choices, gain_std=gain_std)
+    except CloseModesError as why:
+        return None, [f"no law: {why}"], why.modes
+    except NotDeterminedError as why:
+        return None, [f"no law: {why}"], None
+    warnings = list(law.warnings)
+    if law.misfit > MODAL.most_misfit:
+        warnings.append(
+            f"the misfit of the law is {law.misfit:.2g} times what noise would leave: the mode follows another kind of "
+            "law, use this one only within these amplitudes"
+        )
+    return law, warnings, law.close_modes
+
+
+def _find_curves(
+    track: Track, derivative: int, law: DecayLaw | None, close: CloseModes | None, gain_std: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return amplitude, natural frequency, its standard deviation, damping and its, as `find_backbone`, (n,) each.
+
+    The standard deviations contain the gain of the amplitude. Where no law holds they contain the scatter about a
+    smooth curve, too, and where two close modes may make the curves, the distance from their values.
+    """
+    amplitude, natural, natural_std, damping, damping_std = find_backbone(track, derivative)
+    logs = np.log(amplitude)
+    logs = logs - logs.mean()
+    is_doubtful = law is None or law.misfit > MODAL.most_misfit or _has_beat(track)
+    stds = []
+    for values, std in ((natural, natural_std), (damping, damping_std)):
+        # The slope of a smooth curve is taken, for that from window to window is noise.
+        curve = np.polyfit(logs, values, min(2, logs.size - 1), w=1.0 / np.maximum(std, 1e-12 * np.abs(values)))
+        wider = np.ones(values.size)
+        if is_doubtful:
+            # The scatter is that of seven windows, as for the noise.
+            squares = _measure_swing(amplitude, values, std, 1e-9 * float(np.median(natural))) ** 2
+            wider = (
+                np.array([max(float(np.mean(squares[max(0, k - 3) : k + 4])), 1.0) for k in range(values.size)]) ** 0.5
+            )
+        stds.append(np.hypot(wider * std, gain_std * np.polyval(np.polyder(curve), logs)))
+    if close is not None:
+        of_natural, of_rate = close.measure_distance(natural, 0.5 * damping)
+        stds = [np.hypot(stds[0], of_natural), np.hypot(stds[1], 2.0 * of_rate)]
+    return amplitude, natural, stds[0], damping, stds[1]
+
+
+def _measure_swing(amplitude: FloatArray, values: FloatArray, std: FloatArray, least_std: float) -> FloatArray:
+    """Return the departures of values from a smooth curve over the amplitude, in their standard deviations, (n,)."""
+    root = np.sqrt(amplitude / amplitude.max())
+    degree = min(3, values.size // 3)
+    weight = 1.0 / np.maximum(std, least_std)
+    departure = values - np.polyval(np.polyfit(root, values, degree, w=weight), root)
+    return departure * weight * np.sqrt(values.size / max(values.size - degree - 1, 1))
 
 
 def _read_series(samples: ArrayLike, fs: float, quantity: str) -> FloatArray:
@@ -526,11 +589,11 @@ def _has_beat(track: Track) -> bool:
     """Return whether rate or frequency swings about a smooth curve by more than noise, and the rate from the start."""
     if track.time_s.size < 12:
         return False
-    root, swings = np.sqrt(track.amplitude / track.amplitude.max()), False
-    for values, std in ((track.rate, track.rate_std), (track.omega, track.omega_std)):
-        weight = 1.0 / np.maximum(std, 1e-6 * np.abs(np.median(track.omega)))
-        departure = values - np.polyval(np.polyfit(root, values, 3, w=weight), root)
-        swings |= bool(np.sqrt(np.mean((departure * weight) ** 2)) > MODAL.beating)
+    least_std = 1e-6 * float(np.abs(np.median(track.omega)))
+    swings = any(
+        np.sqrt(np.mean(_measure_swing(track.amplitude, values, std, least_std) ** 2)) > MODAL.beating
+        for values, std in ((track.rate, track.rate_std), (track.omega, track.omega_std))
+    )
     # A beat shows from the start on; noise at low amplitude has little weight here.
     trust = 1.0 / np.maximum(track.rate_std, 1e-2 * float(np.median(np.abs(track.rate)))) ** 2
     mean = float(np.average(track.rate, weights=trust))

@@ -18,11 +18,14 @@ class Pooled:
         vector: (p,) the mean.
         covariance: (p, p) its covariance.
         scatter: (p,) standard deviation between repeats; 0 for coefficients that do not scatter.
+        misfit: rms difference of the repeats over what their covariances and the scatter explain, by which the
+            covariance has grown where it is more than 1.
     """
 
     vector: FloatArray
     covariance: FloatArray
     scatter: FloatArray
+    misfit: float
 
 
 def pool_repeats(vectors: Sequence[FloatArray], covariances: Sequence[FloatArray], scattering: Sequence[int]) -> Pooled:
@@ -69,4 +72,6 @@ def pool_repeats(vectors: Sequence[FloatArray], covariances: Sequence[FloatArray
     dof = (len(vectors) - 1) * many.shape[1]
     scatter = np.zeros(many.shape[1])
     scatter[list(scattering)] = tau
-    return Pooled(mean * size, max(squares / dof, 1.0) * covariance * np.outer(size, size), scatter * size)
+    ratio = squares / dof
+    grown = max(ratio, 1.0) * covariance * np.outer(size, size)
+    return Pooled(mean * size, grown, scatter * size, float(np.sqrt(ratio)))

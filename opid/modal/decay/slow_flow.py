@@ -1,5 +1,8 @@
 """The slow flow of a free decay: amplitude and phase of its fundamental, by harmonic balance and averaging.
 
+Beside the flow of one law there is that of two linear modes so close that their beat is slow: in a record that is
+shorter than the beat their sum looks like one mode whose frequency and damping depend on its amplitude.
+
 A' = -delta(A) A, phi' = omega(A), without time steps. The terms of second order in damping and in the drift of the
 frequency are kept: the frequency of the fundamental is then right to about 1e-5 for a shift of 3 % and a damping ratio
 of 1 %.
@@ -7,12 +10,15 @@ of 1 %.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from opid.modal.joint_terms import JointTerms
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
 
@@ -100,6 +106,103 @@ def predict_decay(
     if derivative == 2:
         gain = gain + np.interp(log_amplitude, flow.log_amplitude, flow.drift)
     return log_amplitude + np.log(np.abs(gain)), by_time - by_time[0] + np.angle(gain)
+
+
+@dataclass(frozen=True)
+class CloseModes:
+    """Two linear modes whose sum is a decay, the stronger one first.
+
+    Args:
+        poles: their poles -delta + j omega.
+        ratio: amplitude of the weaker at the first time over that of the stronger.
+        squares: sum of the squared errors of amplitude and phase over their variance.
+        misfit: rms error over its standard deviation; noise alone gives 1.
+    """
+
+    poles: tuple[complex, complex]
+    ratio: float
+    squares: float
+    misfit: float
+
+    SIZE: ClassVar[int] = 6  # two poles and the ratio of two amplitudes
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether both explain the decay, are seen, and have damping of a like size, as modes of one structure have."""
+        first, second = (-pole.real for pole in self.poles)
+        low, high = min(first, second), max(first, second)
+        is_alike = low > 0.0 and high < MODAL.alike_damping * low
+        return is_alike and self.ratio > MODAL.unresolved and self.misfit < MODAL.most_misfit
+
+    @property
+    def frequency_hz(self) -> tuple[float, float]:
+        """Their frequencies, the lower one first, Hz."""
+        low, high = sorted(pole.imag / (2.0 * np.pi) for pole in self.poles)
+        return low, high
+
+    def scaled(self, rate: float) -> CloseModes:
+        """Return them with poles in another unit of time, multiplied by a rate."""
+        return replace(self, poles=(rate * self.poles[0], rate * self.poles[1]))
+
+    def measure_distance(self, omega: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return how far angular frequencies and rates of decay lie from those of the farther mode, (n,) each."""
+        return (
+            np.max([np.abs(omega - pole.imag) for pole in self.poles], axis=0),
+            np.max([np.abs(rate + pole.real) for pole in self.poles], axis=0),
+        )
+
+
+def fit_close_modes(time: FloatArray, log_amplitude: FloatArray, phase: FloatArray, root: FloatArray) -> CloseModes:
+    """Return the two linear modes that explain a decay best.
+
+    Args:
+        time: (n,) times, from 0.
+        log_amplitude: (n,) logarithm of the amplitude.
+        phase: (n,) phase, rad.
+        root: (2n, 2n) lower root of the covariance of both.
+
+    >>> time = np.arange(60.0)
+    >>> z = np.exp((-0.02 + 1j) * time) + 0.5 * np.exp((-0.03 + 1.06j) * time)
+    >>> found = fit_close_modes(time, np.log(np.abs(z)), np.unwrap(np.angle(z)), 1e-4 * np.eye(120))
+    >>> np.round(found.poles, 4).tolist(), round(found.ratio, 3)
+    ([(-0.02+1j), (-0.03+1.06j)], 0.5)
+    """
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import least_squares
+
+    std = np.linalg.norm(root, axis=1).reshape(2, -1).mean(axis=0)
+    decay, turn = (np.polyfit(time, each, 1, w=1.0 / std) for each in (log_amplitude, phase))
+    mean = complex(decay[0], turn[0])
+    logs = log_amplitude + 1j * phase - mean * time - complex(decay[1], turn[1])
+    slow = np.exp(logs)
+
+    def errors(x: FloatArray) -> FloatArray:
+        first, second, one, other = x.view(np.complex128)
+        both = np.exp(one + first * time) + np.exp(other + second * time)
+        off = np.log(np.where(both == 0.0, 1e-300, both) / slow)
+        return solve_triangular(root, np.concatenate([off.real, off.imag]), lower=True)
+
+    starts: list[tuple[float, FloatArray]] = []
+    for beats, rate in product(MODAL.first_beats, (-0.5, 0.0, 0.5)):
+        away = -rate * decay[0] + 2j * np.pi * beats / time[-1]
+        for first, second in ((0.0j, away), (-0.5 * away, 0.5 * away)):
+            columns = np.exp(np.outer(time, [first, second])) / (slow * std)[:, None]
+            heights = np.linalg.lstsq(columns, 1.0 / std.astype(np.complex128), rcond=1e-9)[0]
+            x = np.array([first, second, *np.log(heights + 1e-9)]).view(np.float64)
+            starts.append((float(np.sum(errors(x) ** 2)), x))
+    starts.sort(key=lambda each: each[0])
+    found = min(
+        (least_squares(errors, x, x_scale="jac", max_nfev=200) for _, x in starts[: MODAL.tried_beats]),
+        key=lambda each: float(each.cost),
+    )
+    poles, heights = found.x.view(np.complex128).reshape(2, 2)
+    strong = int(np.argmax(heights.real))
+    return CloseModes(
+        (complex(mean + poles[strong]), complex(mean + poles[1 - strong])),
+        float(np.exp(-abs(heights[0].real - heights[1].real))),
+        float(2.0 * found.cost),
+        float(np.sqrt(2.0 * found.cost / max(2 * time.size - found.x.size, 1))),
+    )
 
 
 def _sum_higher_powers(values: FloatArray, x: FloatArray) -> FloatArray:

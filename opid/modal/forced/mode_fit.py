@@ -227,7 +227,7 @@ def fit_mode(
     checks = [check_test(test, own, mode, band, taper_s) for test, own in zip(tests, lines, strict=True)]
     refuse([fault for faults, _ in checks for fault in faults], None)
     of_shapes = [check_shapes(test, mode, band) for test in tests]
-    refuse([fault for faults, _ in of_shapes for fault in faults], None)
+    refuse([fault for each in of_shapes for fault in each.faults], None)
     delay = fit_delay(lines)
     lines, delay_left_s = correct_delay(lines, delay)
     mass = fit_modal_mass(lines)
@@ -247,7 +247,7 @@ def fit_mode(
     loudest = int(np.argmax([each.largest_q for each in lines]))
     warnings = [warning for _, of_test in checks for warning in of_test]
     warnings += warn_of_rates(tests, mode)
-    warnings += of_shapes[loudest][1]
+    warnings += of_shapes[loudest].warnings
     interactions = tuple(find_interactions(tests[loudest], mode, band))
     warnings += [each.sentence for each in interactions]
     return replace(fit, interactions=interactions, warnings=(*warnings, *warn_of_fit(fit)))
@@ -370,8 +370,8 @@ def warn_of_fit(fit: ModeFit) -> Iterator[str]:
         late_s, std_s = float(fit.delay_s.value or 0.0), float(fit.delay_s.std or 0.0)
         side = "after" if late_s > 0 else "before"
         yield (
-            f"mode {fit.mode}: the accelerations come {1e6 * abs(late_s):.3g} us {side} the forces (standard deviation "
-            f"{1e6 * std_s:.2g} us), which the fit corrects: look for a filter in one of the channels, or for two "
+            f"mode {fit.mode}: the accelerations come {1e6 * abs(late_s):.3g} µs {side} the forces (standard deviation "
+            f"{1e6 * std_s:.2g} µs), which the fit corrects: look for a filter in one of the channels, or for two "
             "recorders"
         )
     for word, curve in (("stiffness", fit.stiffness_curve), ("damping", fit.damping_curve)):

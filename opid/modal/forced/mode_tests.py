@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from opid.estimate import format_percent
 from opid.mechanics.structure import ComplexArray
 from opid.modal.couplings import Product
 from opid.modal.forced.equation import ModeLines, find_noise_power, find_quiet_lines, integrate_mode
@@ -87,60 +88,212 @@ def check_test(test: ModalTest, lines: ModeLines, mode: int, band_hz: tuple[floa
     return faults, warnings
 
 
-def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Checks:
-    """Check whether a sum of the shapes can make the motion of a test in the band of a mode."""
-    outside, cause = measure_outside_shapes(test, band_hz)
-    hint = cause or "check the order, signs and units of the sensors, and whether a mode is missing"
-    motion = f"{100 * outside:.0f} % of the motion of test {test.name!r} around mode {mode}"
-    clause = [f"{motion} is no sum of the mode shapes: {hint}"] if outside > MODAL.warned_outside else []
-    return (clause, []) if outside > MODAL.most_outside else ([], clause)
+@dataclass(frozen=True)
+class ShapeCheck:
+    """How well the shapes explain the motion of a test about a mode, and how well its amplitude is known.
 
-
-def measure_outside_shapes(test: ModalTest, band_hz: tuple[float, float]) -> tuple[float, str]:
-    """Return the fraction of the motion that no sum of the shapes can make, and a clause on its most likely cause.
-
-    The fraction is |x - Phi pinv(Phi) x| / |x| over the lines of a band, without the part of the sensors' noise, and
-    with strains weighted as in the modal filter; it is 0 where there are no more sensors than modes. The clause names
-    the sensor whose sign is wrong, or the two whose rows are exchanged; it is "" where no such cause stands out.
+    Args:
+        outside: rms fraction of the motion that no sum of the shapes can make, without the part of the noise.
+        cause: a clause on its most likely cause, "" where none stands out.
+        gain_std: standard deviation of the gain of the modal coordinate, as a fraction, by the calibrations of the
+            sensors and by the gain of a single sensor that would put this fraction outside the shapes.
+        faults: why the test cannot be used; one clause each.
+        warnings: what to doubt where it can be used, likewise.
     """
-    sensors = test.sensors
-    modes = with_sensors(test.modes, sensors)
-    shapes = weighted_shapes(modes)
-    n_sensors, n_modes = shapes.shape
-    if n_sensors <= n_modes:
-        return 0.0, ""
-    spectrum = fft.rfft(test.at_sensors * weigh_sensors(modes), axis=0)
-    frequency = fft.rfftfreq(len(test.acceleration), 1 / test.fs)
-    lines = spectrum[(frequency >= band_hz[0]) & (frequency <= band_hz[1])]
-    quiet = find_quiet_lines(test.modes, frequency)
-    # Derivatives raise the noise above the band.
-    slope = np.sqrt(band_hz[0] * band_hz[1]) / frequency[quiet, None]
-    noise = float(np.mean(find_noise_power(spectrum[quiet] * slope ** np.array(test.times_differentiated))))
 
-    def outside(shapes: FloatArray) -> float:
-        remainder = lines - lines @ np.linalg.pinv(shapes).T @ shapes.T
-        excess = float(np.sum(np.abs(remainder) ** 2)) - noise * (n_sensors - n_modes) * len(lines)
-        return float(np.sqrt(max(excess, 0.0) / max(float(np.sum(np.abs(lines) ** 2)), 1e-300)))
+    outside: float
+    cause: str
+    gain_std: float
+    faults: tuple[str, ...]
+    warnings: tuple[str, ...]
 
-    found = outside(shapes)
-    if found <= MODAL.warned_outside:
-        return found, ""
-    signs = np.where(np.eye(n_sensors, dtype=bool), -1.0, 1.0)
-    turned = [outside(shapes * sign[:, None]) for sign in signs]
-    best = int(np.argmin(turned))
-    if turned[best] < 0.3 * found:
-        return found, f"with the opposite sign of {sensors[best]!r} it would be {100 * turned[best]:.0f} %"
-    swaps = {}
-    for one in range(n_sensors):
-        for other in range(one):
-            order = np.arange(n_sensors)
-            order[[one, other]] = other, one
-            swaps[other, one] = outside(shapes[order])
-    pair = min(swaps, key=lambda pair: swaps[pair])
-    if swaps[pair] < 0.3 * found:
-        names = " and ".join(repr(sensors[index]) for index in pair)
-        return found, f"with {names} exchanged it would be {100 * swaps[pair]:.0f} %"
-    return found, ""
+    @property
+    def is_gain_doubtful(self) -> bool:
+        """Whether the gain of the modal coordinate is worse known than the calibrations of sensors make it."""
+        return self.gain_std > MODAL.doubtful_gain
+
+
+def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> ShapeCheck:
+    """Check whether a sum of the shapes can make the motion of a test in the band of a mode."""
+    seen = _OutsideShapes.of(test, band_hz)
+    outside, blamed = seen.fraction, seen.find_cause()
+    cause = blamed.clause if blamed else ""
+    hint = cause or "check the order, signs, gains and units of the sensors, and whether a mode is missing"
+    motion = f"{format_percent(outside, 2)} of the motion of test {test.name!r} around mode {mode}"
+    is_told = outside > MODAL.warned_outside or blamed is not None
+    clause = (f"{motion} is no sum of the mode shapes: {hint}",) if is_told else ()
+    is_refused = outside > MODAL.most_outside
+    return ShapeCheck(
+        outside=outside,
+        cause=cause,
+        gain_std=seen.find_gain_std(test.modes.index(mode), blamed),
+        faults=clause if is_refused else (),
+        warnings=() if is_refused else clause,
+    )
+
+
+@dataclass(frozen=True)
+class _Cause:
+    """A clause on what puts motion outside the shapes, and the fraction that is still outside without it.
+
+    Where it is the gain of one sensor, its index and its gain are given.
+    """
+
+    clause: str
+    left: float
+    index: int | None = None
+    gain: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _OutsideShapes:
+    """The motion of a test in a band and the shapes at its sensors, both weighted as in the modal filter.
+
+    The fraction outside is |x - Phi pinv(Phi) x| / |x| over the lines of the band, without the part of the noise.
+    """
+
+    sensors: tuple[str, ...]
+    lines: ComplexArray  # (n_lines, n_sensors)
+    shapes: FloatArray  # (n_sensors, n_modes)
+    noise: float  # mean square of the noise of a line
+
+    @classmethod
+    def of(cls, test: ModalTest, band_hz: tuple[float, float]) -> _OutsideShapes:
+        """Return those of a test; strains count as much as motions."""
+        modes = with_sensors(test.modes, test.sensors)
+        spectrum = fft.rfft(test.at_sensors * weigh_sensors(modes), axis=0)
+        frequency = fft.rfftfreq(len(test.acceleration), 1 / test.fs)
+        quiet = find_quiet_lines(test.modes, frequency)
+        # Derivatives raise the noise above the band.
+        slope = np.sqrt(band_hz[0] * band_hz[1]) / frequency[quiet, None]
+        noise = float(np.mean(find_noise_power(spectrum[quiet] * slope ** np.array(test.times_differentiated))))
+        inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+        return cls(test.sensors, spectrum[inside], weighted_shapes(modes), noise)
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether there are more sensors than modes, without which every motion is a sum of the shapes."""
+        return self.shapes.shape[0] > self.shapes.shape[1]
+
+    @property
+    def fraction(self) -> float:
+        """The fraction of the motion outside the shapes; 0 where it cannot be seen."""
+        return self.find_fraction(self.shapes) if self.is_seen else 0.0
+
+    def find_fraction(self, shapes: FloatArray) -> float:
+        """Return the fraction of the motion outside some shapes."""
+        n_sensors, n_modes = shapes.shape
+        remainder = self.lines - self.lines @ np.linalg.pinv(shapes).T @ shapes.T
+        excess = float(np.sum(np.abs(remainder) ** 2)) - self.noise * (n_sensors - n_modes) * len(self.lines)
+        return float(np.sqrt(max(excess, 0.0) / max(float(np.sum(np.abs(self.lines) ** 2)), 1e-300)))
+
+    def find_cause(self) -> _Cause | None:
+        """Return the sensor of a wrong sign, the two that are exchanged, or the one of a wrong gain; None without."""
+        found = self.fraction
+        if found > MODAL.warned_outside:
+            cause = self._find_wrong_sign(found) or self._find_exchange(found)
+            if cause:
+                return cause
+        # What calibrations and chance put outside has no single cause.
+        chance = self.noise * np.sqrt(self.lines.size) / max(float(np.sum(np.abs(self.lines) ** 2)), 1e-300)
+        least = MODAL.shift_sigma * float(np.hypot(MODAL.gain_tolerance, np.sqrt(chance)))
+        return self._find_wrong_gain(found, least) if found > least else None
+
+    def _find_wrong_sign(self, found: float) -> _Cause | None:
+        signs = np.where(np.eye(len(self.sensors), dtype=bool), -1.0, 1.0)
+        turned = [self.find_fraction(self.shapes * sign[:, None]) for sign in signs]
+        best = int(np.argmin(turned))
+        if turned[best] > MODAL.left_by_cause * found:
+            return None
+        would_be = format_percent(round(turned[best], 3), 2)
+        return _Cause(
+            f"with the opposite sign of {self.sensors[best]!r} it would be {would_be}", turned[best], best, -1.0
+        )
+
+    def _find_exchange(self, found: float) -> _Cause | None:
+        swaps = {}
+        for one in range(len(self.sensors)):
+            for other in range(one):
+                order = np.arange(len(self.sensors))
+                order[[one, other]] = other, one
+                swaps[other, one] = self.find_fraction(self.shapes[order])
+        pair = min(swaps, key=lambda pair: swaps[pair])
+        if swaps[pair] > MODAL.left_by_cause * found:
+            return None
+        names = " and ".join(repr(self.sensors[index]) for index in pair)
+        return _Cause(f"with {names} exchanged it would be {format_percent(round(swaps[pair], 3), 2)}", swaps[pair])
+
+    def _find_wrong_gain(self, found: float, least: float) -> _Cause | None:
+        """Return the only sensor whose gain explains what lies outside, if it is no matter of calibration.
+
+        It is to blame if the gain of any other sensor leaves clearly more outside, and more than `least`.
+        """
+        gains = self._fit_gains()
+        left = np.array(
+            [
+                self.find_fraction(self.shapes * np.where(np.arange(gains.size) == at, gain, 1.0)[:, None])
+                for at, gain in enumerate(gains)
+            ]
+        )
+        best, second = np.argsort(left)[:2]
+        gain = float(gains[best])
+        is_decisive = left[best] < MODAL.left_by_cause * found and left[second] > max(
+            MODAL.shift_sigma * left[best], least
+        )
+        if not is_decisive or abs(gain - 1.0) < MODAL.least_wrong_gain:
+            return None
+        would_be = format_percent(round(left[best], 3), 2)
+        return _Cause(
+            f"with a gain of {gain:.2f} of {self.sensors[best]!r} it would be {would_be}; "
+            f"check the sensitivity of this sensor, or the unit and scale of its channel",
+            float(left[best]),
+            int(best),
+            gain,
+        )
+
+    def _fit_gains(self) -> FloatArray:
+        """Return the gain of each sensor, (n_sensors,), that leaves least outside; 1 where nothing shows it.
+
+        A reading x_s / g_s instead of x_s changes what lies outside by (1/g_s - 1) (I - Phi pinv(Phi)) e_s x_s.
+        """
+        n_lines, n_sensors = self.lines.shape
+        across = np.eye(n_sensors) - self.shapes @ np.linalg.pinv(self.shapes)
+        left = self.lines @ across.T
+        noise = self.noise * n_lines * np.diag(across)
+        power = np.sum(np.abs(self.lines) ** 2, axis=0)
+        bent = np.sum((self.lines.conj() * left).real, axis=0) - noise
+        own = power * np.diag(across) - noise
+        inverse = 1.0 - bent / np.where(own > 0.5 * power * np.diag(across), own, np.inf)
+        return np.where(np.abs(inverse) > 0.01, 1.0 / np.where(inverse == 0.0, 1.0, inverse), 1.0)
+
+    def find_gain_std(self, index: int, cause: _Cause | None) -> float:
+        """Return the standard deviation of the gain of a mode's coordinate, as a fraction.
+
+        The modal filter F makes the gain 1 + sum_s F_s phi_s (g_s - 1) of the gains of the sensors. Each is known by
+        its calibration; beside that, one sensor has a gain that puts the observed fraction outside the shapes, the one
+        that matters most, or that which is to blame. Where the shapes cannot be checked, the calibrations alone count.
+        """
+        weights = np.linalg.pinv(self.shapes)[index] * self.shapes[:, index]
+        fraction, blamed = self.fraction, 0.0
+        if cause is not None and cause.index is not None:
+            fraction, blamed = cause.left, float(weights[cause.index] * (cause.gain - 1.0))
+        calibrated = MODAL.gain_tolerance * float(np.linalg.norm(weights))
+        return float(np.linalg.norm([calibrated, blamed, _find_gain_error(self.shapes, index, fraction)]))
+
+
+def _find_gain_error(shapes: FloatArray, index: int, outside: float) -> float:
+    """Return the error of the gain of a mode's coordinate by a wrong gain of the sensor that matters most, a fraction.
+
+    This gain explains what lies `outside` the shapes, (n_sensors, n_modes), as an rms fraction.
+    """
+    if shapes.shape[0] <= shapes.shape[1]:
+        return 0.0
+    own, filters = shapes[:, index], np.linalg.pinv(shapes)
+    across = 1.0 - np.einsum("sm,ms->s", shapes, filters)
+    moved = np.abs(own) / max(float(np.linalg.norm(own)), 1e-300) * np.sqrt(np.maximum(across, 0.0))
+    # A sensor is dead or reads twice as much, but not more, if its gain is wrong.
+    needed = np.minimum(outside / np.maximum(moved, 1e-12), 1.0)
+    return float(np.max(np.abs(filters[index] * own) * needed))
 
 
 def warn_of_rates(tests: Sequence[ModalTest], mode: int) -> Iterator[str]:

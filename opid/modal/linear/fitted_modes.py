@@ -523,8 +523,8 @@ def _warn_of_modes(
         low = ", ".join(f"{own_hz:.4g}" for own_hz in found.poles[kept][unlike, 0])
         yield (
             f"the records differ about {low} Hz by more than the noise of a good test (the coherence is below "
-            f"{settings.least_coherence:g}), so that no interval is given there: joints that slip under harder hits do "
-            "that, and so do noise, and a structure that moved; hit it more softly"
+            f"{settings.least_coherence:g}), so that no interval is given there: noise does that, and then harder hits "
+            "or more of them help; so do joints that slip, where softer hits help, and a structure that moved"
         )
     measured = [response for response in found.responses if response.n_averages]
     if any(response.level_ratio < MODAL.least_level_ratio for response in measured):

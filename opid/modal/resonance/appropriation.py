@@ -149,8 +149,8 @@ class Appropriation:
         f = self.frequency_hz[self.locked]
         return (
             f"{done}, each within {times.max():.2g} s; the resonance moves from {f[0]:.2f} to {f[-1]:.2f} Hz, "
-            f"the damping ratio from {self.damping_ratio[self.locked][0]:.2%} to "
-            f"{self.damping_ratio[self.locked][-1]:.2%}."
+            f"the damping ratio from {format_percent(self.damping_ratio[self.locked][0], 3)} to "
+            f"{format_percent(self.damping_ratio[self.locked][-1], 3)}."
         )
 
 
@@ -464,12 +464,13 @@ def _drive_level(control: Controller, loop: Loop, voltage_v: float) -> tuple[App
 
 def _describe_level(control: Controller, locking: Locking, unsteadiness: float) -> str:
     if locking.locked:
-        wanders = f"the fundamental varies by {unsteadiness:.1%} from period to period: the motion is not periodic"
-        return wanders if unsteadiness > MODAL.unsteady else ""
+        varies = f"the fundamental varies by {format_percent(unsteadiness, 2)} from period to period"
+        return f"{varies}: the motion is not periodic" if unsteadiness > MODAL.unsteady else ""
     reached, errors = locking.loop.frequency_hz, locking.errors_deg
     text = (
         f"not locked within {control.settings.longest_s:g} s at {reached:.2f} Hz: the phase error still lies "
-        f"between {errors.min():.1f} and {errors.max():.1f} degrees, and the amplitude changes by {locking.drift:.1%}"
+        f"between {errors.min():.1f} and {errors.max():.1f} degrees, and the amplitude changes by "
+        f"{format_percent(locking.drift, 2)}"
     )
     if reached in control.range_hz:
         text += (

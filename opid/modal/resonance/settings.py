@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from opid.modal.settings import MODAL
+
 
 @dataclass(frozen=True)
 class ResonanceSettings:
@@ -74,7 +76,7 @@ class ResonanceSettings:
     least_signal: float = 10.0
     phase_tolerance_deg: float = 0.5
     unseen_phase_deg: float = 3.0
-    gain_tolerance: float = 0.01
+    gain_tolerance: float = MODAL.gain_tolerance
     disbelief: float = 2.0
     doubted_phase_deg: float = 20.0
     fewest_levels: int = 5
