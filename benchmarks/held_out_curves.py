@@ -3,7 +3,9 @@
 Run `python benchmarks/held_out_curves.py`; in parts `--seeds 2`, `--folder FOLDER`. Measured sets are those of a
 folder, none dropped: every file ForcedFrequencyResponses.mat below it (Chen et al. 2022, Mechanical Systems and Signal
 Processing 166, 108401; the repository mattiacenedese/BRBtesting has it), each with its curves at constant force and at
-constant response. Their shape has no known scale, so it is found from the lower curves. Virtual sets have five curves
+constant response. Their shape has no known scale, so it is found from the lower curves. The
+shift is the range of the resonance over all curves; the way from the lowest curve is shorter where a resonance falls
+and rises again. Virtual sets have five curves
 of the cubic mode with 1 % noise, and seeds count from 0. Each set is written as a study file and read by
 `opid resonance STUDY.toml --hold-out highest`.
 """
@@ -41,6 +43,7 @@ HEAD = (
     "measured",
     "shift [Hz]",
     "error over shift [%]",
+    "over the way from the lowest curve [%]",
     "inside",
 )
 
@@ -75,12 +78,12 @@ def run(name: str, study: ModalStudy, *, free_mass: bool) -> None:
         try:
             result = identify_resonance(read_study(path), hold_out="highest", free_mass=free_mass)
         except (InputError, NotDeterminedError) as error:
-            print(table_row(name, len(study.curves), *["-"] * 6, str(error)), flush=True)
+            print(table_row(name, len(study.curves), *["-"] * 7, str(error)), flush=True)
             return
     found = result.held_out
     if found is None or found.resonance_hz.value is None:
         reason = found.reason if found else result.not_determined
-        print(table_row(name, len(study.curves), *["withheld"] * 6, reason), flush=True)
+        print(table_row(name, len(study.curves), *["withheld"] * 7, reason), flush=True)
         return
     ends, measured = found.resonance_hz.interval95, float(found.measured_hz.value or np.nan)
     cells = [
@@ -92,6 +95,7 @@ def run(name: str, study: ModalStudy, *, free_mass: bool) -> None:
         f"{measured:.3f}",
         f"{found.shift_hz:.3f}",
         f"{100 * found.error_fraction:+.1f}",
+        f"{100 * (found.resonance_hz.value - measured) / abs(measured - found.lowest_hz):+.1f}",
         "no interval" if ends is None else "yes" if ends[0] <= measured <= ends[1] else "no",
     ]
     print(table_row(*cells), flush=True)

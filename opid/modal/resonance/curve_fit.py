@@ -289,6 +289,7 @@ class HeldOut:
         resonance_hz: resonance under the force of this curve by the law; empty where the law has none.
         measured_hz: the measured resonance, by the points near quadrature.
         range_hz: the least and the largest measured resonance of all curves, this one included.
+        lowest_hz: the measured resonance of the lowest fitted curve.
         amplitude: amplitude of the mode at resonance by the law, m kg^1/2.
         measured_amplitude: the measured one, m kg^1/2.
         reach: measured amplitude over the largest one that was fitted.
@@ -304,6 +305,7 @@ class HeldOut:
     resonance_hz: Estimate
     measured_hz: Estimate
     range_hz: tuple[float, float]
+    lowest_hz: float
     amplitude: Estimate
     measured_amplitude: float
     reach: float
@@ -324,7 +326,8 @@ class HeldOut:
 
     def as_json(self) -> dict[str, Any]:
         """Return the prediction as result.json holds it; the curve itself stands among the curves."""
-        numbers = ("low", "high", "range_hz", "measured_amplitude", "reach", "widened", "shift_hz", "error_fraction")
+        of_resonance = ("range_hz", "lowest_hz", "shift_hz", "error_fraction")
+        numbers = (*of_resonance, "low", "high", "measured_amplitude", "reach", "widened")
         estimates = ("resonance_hz", "measured_hz", "amplitude")
         return {
             "curve": self.fit.as_json(),
@@ -465,6 +468,7 @@ def _predict(
         resonance_hz=_summarise(made[0], ends[:, 0]),
         measured_hz=Estimate.normal(measured.hz, measured.hz_std),
         range_hz=(min(each.hz for each in (measured, *seen)), max(each.hz for each in (measured, *seen))),
+        lowest_hz=seen[0].hz,
         amplitude=_summarise(made[1], ends[:, 1]),
         measured_amplitude=measured.amplitude,
         reach=measured.amplitude / float(law.amplitude.max()),
