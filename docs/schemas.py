@@ -446,13 +446,15 @@ def _updating() -> Json:
     model_class = fields_of(ModelClass) | fields_of(ClassPosterior, *own) | rank
     model_class |= {"law": TEXT, "coefficients": table(keys(posterior | {"unit": TEXT}))}
     model_class |= {"log_evidence": NUMBER, "log_evidence_std": NUMBER}
-    linear = fields_of(LinearPosterior, "modes", "diagnostics", "warnings") | rank | {"best": table(NUMBER)}
+    linear = fields_of(LinearPosterior, "modes", "diagnostics", "warnings", "name", "evidence")
+    linear |= rank | {"best": table(NUMBER)}
     measured = fields_of(MeasuredBackbone, "name", "mode", "controlled_sensor", "frequency_hz")
     measured["amplitude"] = table(NUMBERS) | {"description": "m, by sensor"}
     top = ("title", "form", "best_class", "prediction", "warnings", "not_determined", "settings")
     return fields_of(Updating, *top) | {
         "classes": array(keys(model_class)),
         "linear": or_null(keys(linear)),
+        "linear_classes": array(keys(linear)),
         "system": keys({"frequency_hz": NUMBERS, "sensors": TEXTS, "joints": TEXTS}),
         "reduction": of_type(ReductionErrors | None),
         "reduction_free": of_type(ReductionErrors | None),

@@ -75,6 +75,7 @@ def build_document(result: Updating, truth: UpdatingTruth | None = None) -> Docu
         _tabulate_classes(result),
         _tabulate_confusion(result),
         _tabulate_coefficients(result, truth),
+        _tabulate_linear_classes(result),
         _tabulate_linear(result, truth),
         _tabulate_modes(result),
         _tabulate_evidences(result),
@@ -213,6 +214,22 @@ def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> 
         yield build_estimate_row(name, "1", estimate, value)
         known = None if value is None else value * parameter.scale + 0.0
         yield build_estimate_row(parameter.words, parameter.unit, coefficient, known)
+
+
+def _tabulate_linear_classes(result: Updating) -> Table:
+    """The log evidence of each class of linear parameters, and its difference to the best."""
+    best = max((each.log_evidence for each in result.linear_classes), default=0.0)
+    rows = [
+        (
+            each.name,
+            ", ".join(each.names),
+            f"{each.log_evidence:.2f}",
+            "best" if each is result.linear else f"{each.log_evidence - best:+.2f}",
+        )
+        for each in result.linear_classes
+    ]
+    heads = build_columns("linear class", "parameters", "log evidence", "to the best", left=(0, 1))
+    return Table(heads, tuple(rows), "Classes of the linear structure")
 
 
 def _tabulate_linear(result: Updating, truth: UpdatingTruth | None) -> Table:

@@ -59,7 +59,14 @@ class _Factors:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _LinearClass:
+    name: str
+    parameters: tuple[_Dof, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Structure(_Factors):
+    classes: tuple[_LinearClass, ...] = ()
     matrices: Annotated[
         str | Mapping[str, str] | None, "the name of a file in quotes, or a table with one for each matrix"
     ] = None
@@ -283,10 +290,24 @@ def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
         backbones=tuple(replace(each, files=(*beside, *each.files)) for each in backbones),
         classes=tuple(each.model for each in study.classes),
         parameters=parameters,
+        linear_classes=_read_linear_classes(study.structure),
         noise=noise,
         source=source,
         **vars(study.settings),
     )
+
+
+def _read_linear_classes(table: _Structure) -> dict[str, tuple[str, ...]]:
+    """Return the parameters of each class of the linear structure.
+
+    Raises:
+        InputError: a name that is given twice.
+    """
+    names = [each.name for each in table.classes]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{names.count(name)} of [[structure.classes]] are called {name!r}: rename them")
+    return {each.name: tuple(map(str, each.parameters)) for each in table.classes}
 
 
 def write_files(study: UpdatingStudy, directory: Path) -> str:
@@ -479,6 +500,9 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
                 sensors=tuple(structure.sensors),
                 internal_modes=study.n_internal,
                 parameters=tuple(study.parameters),
+                classes=tuple(
+                    _LinearClass(name=name, parameters=factors) for name, factors in study.linear_classes.items()
+                ),
                 joints={name: ends if len(ends) == 2 else ends[0] for name, ends in structure.joints.items()},
                 priors={name: astuple(prior) for name, prior in study.parameters.items()},
             ),

@@ -36,7 +36,7 @@ from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
-from opid.updating.warnings import warn_of_choice, warn_of_classes
+from opid.updating.warnings import warn_of_choice, warn_of_classes, warn_of_linear_choice
 
 logger = logging.getLogger(__name__)
 
@@ -62,7 +62,9 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     if study.sampler == "nuts":
         require_nutpie()
     say = progress or (lambda step: None)
-    linear, system = _update_linear(study, say)
+    linear_classes = _update_linear(study, say)
+    linear = max(linear_classes, key=lambda each: each.log_evidence) if linear_classes else None
+    system = _reduce(study, linear, say)
     say("backbones")
     growth = _find_growth(study, linear)
     data = _prepare(study, system, growth)
@@ -101,6 +103,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
             *([unused] if stated else []),
             *warn_of_overlaps(study.backbones),
             *(f"linear structure: {warning}" for warning in (linear.warnings if linear else ())),
+            *warn_of_linear_choice(linear_classes),
             *lost,
             *warn_of_classes(classes),
             *warn_of_choice(classes, bands),
@@ -109,26 +112,38 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         not_determined="",
         settings=_list_settings(study, data, growth),
         confusion=confusion,
+        linear_classes=tuple(linear_classes) if len(linear_classes) > 1 else (),
     )
 
 
-def _update_linear(study: UpdatingStudy, say: Say) -> tuple[LinearPosterior | None, JointedModes]:
-    """Return the result of phase I, None where there is nothing to update, and the structure by its modes."""
-    if isinstance(study.structure, JointedModes):
-        return None, study.structure
-    linear = None
-    if study.parameters:
-        say("linear structure")
-        linear = update_linear(
-            study.structure,
-            study.backbones,
-            priors=study.parameters,
-            rng=np.random.default_rng([study.seed, 1]),
-            progress=lambda fraction: say(Step("linear structure", fraction)),
-            **_choose_linear_errors(study),
+def _update_linear(study: UpdatingStudy, say: Say) -> list[LinearPosterior]:
+    """Return the result of phase I for each class of linear parameters; none where there is nothing to update."""
+    if isinstance(study.structure, JointedModes) or not study.parameters:
+        return []
+    found = []
+    for number, (name, factors) in enumerate((study.linear_classes or {"": tuple(study.parameters)}).items()):
+        step = f"linear structure {name}".strip()
+        say(step)
+        found.append(
+            update_linear(
+                study.structure,
+                study.backbones,
+                priors={each: study.parameters[each] for each in factors},
+                rng=np.random.default_rng([study.seed, 1, *([number] if number else [])]),
+                name=name,
+                progress=lambda fraction, step=step: say(Step(step, fraction)),  # type: ignore[misc]
+                **_choose_linear_errors(study),
+            )
         )
+    return found
+
+
+def _reduce(study: UpdatingStudy, linear: LinearPosterior | None, say: Say) -> JointedModes:
+    """Return the structure by its modes, with the best linear parameters."""
+    if isinstance(study.structure, JointedModes):
+        return study.structure
     say("reduction")
-    return linear, reduce(study.structure, linear.factors if linear else {}, n_modes=study.n_internal)
+    return reduce(study.structure, linear.factors if linear else {}, n_modes=study.n_internal)
 
 
 def _choose_linear_errors(study: UpdatingStudy) -> LinearErrors:
@@ -229,6 +244,8 @@ def _predict(
 
 def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:
     noise = dict(vars(study.noise))
+    if isinstance(study.noise.weight, Mapping):
+        noise["weight"] = {str(mode): value for mode, value in study.noise.weight.items()}
     noise["cov"] = {str(mode.mode): mode.cov for mode in data.modes if mode.cov > 0}
     by_name = {str(mode): value for mode, value in growth.items()}
     noise["linear_error_growth"] = by_name if study.form == "recommended" else study.noise.growth_of_linear_error
@@ -358,7 +375,7 @@ def _draw_errors(
         return np.where(lost[:, None], np.nan, errors)
     first = np.unique(mode.curve, return_index=True)[1]
     r_m = float(np.mean(mode.linear - mode.eigenvalue[first]))
-    return data.noise.weight * mode.cov * eigenvalue * rng.standard_normal(eigenvalue.shape) - r_m
+    return data.noise.weight_of(mode.mode) * mode.cov * eigenvalue * rng.standard_normal(eigenvalue.shape) - r_m
 
 
 def _fill_gaps(eigenvalue: FloatArray, otherwise: float) -> FloatArray:

@@ -14,8 +14,15 @@ from opid.updating.likelihood.linear import LinearData, LinearErrors, linear_dat
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import Prior
 from opid.updating.result import LinearMode, LinearPosterior
-from opid.updating.sampling.chains import LogDensity, diagnose, estimates_of, find_pressures, spread_starts
-from opid.updating.sampling.evidence import Maximum, Support, maximum_a_posteriori
+from opid.updating.sampling.chains import Chain, LogDensity, diagnose, estimates_of, find_pressures, spread_starts
+from opid.updating.sampling.evidence import (
+    Evidence,
+    Maximum,
+    Support,
+    importance,
+    maximum_a_posteriori,
+    quadrature,
+)
 from opid.updating.sampling.samplers import metropolis
 from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
@@ -31,6 +38,7 @@ def update_linear(
     n_chains: int = 4,
     n_samples: int = 1000,
     n_warm_up: int = 200,
+    name: str = "",
     progress: Callable[[float], None] | None = None,
     **errors: Unpack[LinearErrors],
 ) -> LinearPosterior:
@@ -46,6 +54,7 @@ def update_linear(
         n_chains: number of chains.
         n_samples: number of samples that are kept of each chain.
         n_warm_up: number of samples that are dropped of each chain before them.
+        name: name of the class of parameters, where several are compared.
         progress: a function that is called with the fraction that is done.
         errors: errors of the points, as far as they are known, see `LinearErrors`: `cov`, `weight`, `shape_std`,
             `shape_factor`, `common_error`.
@@ -93,7 +102,22 @@ def update_linear(
         diagnostics=diagnostics,
         warnings=(*warnings, *_list_warnings(data, table, backbones, errors)),
         chain=chain,
+        name=name,
+        evidence=_find_evidence(density, chain, support, rng),
     )
+
+
+def _find_evidence(density: LogDensity, chain: Chain, support: Support, rng: np.random.Generator) -> Evidence | None:
+    """Return the evidence of the parameters, by quadrature where they are few enough; None where no method has one."""
+    try:
+        if chain.n_parameters > UPDATING.most_by_quadrature:
+            return importance(density, chain, rng=rng)
+        most = UPDATING.most_nodes if chain.n_parameters < 3 else UPDATING.most_nodes_of_three
+        return quadrature(
+            density, chain.pooled.mean(axis=0), chain.covariance, support=support, tolerance=1e-3, max_evaluations=most
+        )
+    except NotDeterminedError:
+        return None
 
 
 def _find_peak(density: LogDensity, draws: FloatArray, support: Support) -> Maximum:

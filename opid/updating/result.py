@@ -117,6 +117,8 @@ class LinearPosterior:
         diagnostics: diagnostics of the sampling.
         warnings: one sentence for each warning about the parameters.
         chain: the samples chain by chain; None where they were not kept.
+        name: name of this class of parameters, "" where there is no other.
+        evidence: the evidence of these parameters; None where no method has one.
     """
 
     names: tuple[str, ...]
@@ -128,6 +130,13 @@ class LinearPosterior:
     diagnostics: Diagnostics
     warnings: tuple[str, ...]
     chain: Chain | None = None
+    name: str = ""
+    evidence: Evidence | None = None
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the evidence, -inf where there is none."""
+        return -np.inf if self.evidence is None else self.evidence.log_evidence
 
     @property
     def factors(self) -> dict[str, float]:
@@ -189,7 +198,8 @@ class Updating(Result):
     Args:
         title: the title of the study.
         form: form of the likelihood, "paper", "literal", "recommended" or "independent".
-        linear: posterior of phase I; None where the linear structure was taken as it is.
+        linear: posterior of phase I, of the class with the largest evidence where there are several; None where the
+            linear structure was taken as it is.
         system: the reduced structure by its modes, with the best linear parameters.
         measured: the measured backbones.
         classes: one posterior for each class, in the order of the study.
@@ -199,6 +209,7 @@ class Updating(Result):
         not_determined: the reason why there is no answer, "" if there is one.
         settings: the settings of the study.
         confusion: how often each class would be chosen if another one were true; None where it was not asked.
+        linear_classes: posteriors of all classes of linear parameters, where there are several.
         reductions: differences of the reduced structure from the whole one, those of the reduction in use first; empty
             where the structure was not reduced or the comparison was not made.
     """
@@ -216,6 +227,7 @@ class Updating(Result):
     settings: Mapping[str, Any]
     reductions: tuple[ReductionErrors, ...] = ()
     confusion: Confusion | None = None
+    linear_classes: tuple[LinearPosterior, ...] = ()
 
     @property
     def all_warnings(self) -> list[str]:
@@ -282,6 +294,7 @@ class Updating(Result):
                 **{name: getattr(self, name) for name in as_they_are},
                 "classes": [_convert_class(each) for each in self.classes],
                 "linear": None if self.linear is None else _convert_linear(self.linear),
+                "linear_classes": [_convert_linear(each) for each in self.linear_classes],
                 "system": {name: getattr(self.system, name) for name in ("frequency_hz", "sensors", "joints")},
                 "reduction": reduction,
                 "reduction_free": free,
@@ -319,6 +332,8 @@ def _convert_class(posterior: ClassPosterior) -> dict[str, Any]:
 
 def _convert_linear(linear: LinearPosterior) -> dict[str, Any]:
     return {
+        "name": linear.name,
+        "evidence": None if linear.evidence is None else asdict(linear.evidence),
         "parameters": {name: _convert_estimate(estimate) for name, estimate in linear.estimates.items()},
         "best": linear.factors,
         "covariance": linear.covariance,

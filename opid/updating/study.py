@@ -88,6 +88,8 @@ class UpdatingStudy(UpdatingSettings):
         classes: the laws that are compared; at least one.
         parameters: prior of each stiffness factor that phase I updates, by its name in the structure; without any the
             structure stays as it is.
+        linear_classes: sets of these factors by a name, of which phase I chooses one by its evidence; a factor that a
+            set leaves out stays at 1. All factors are updated where there is no set.
         noise: settings for the errors of the backbones.
         source: the study file, if there is one.
 
@@ -100,6 +102,7 @@ class UpdatingStudy(UpdatingSettings):
     backbones: tuple[MeasuredBackbone, ...]
     classes: tuple[ModelClass, ...]
     parameters: Mapping[str, Prior] = field(default_factory=dict)
+    linear_classes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     source: Path | None = None
 
@@ -107,6 +110,8 @@ class UpdatingStudy(UpdatingSettings):
         for name in ("backbones", "classes", "harmonics"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
+        sets = {name: tuple(factors) for name, factors in self.linear_classes.items()}
+        object.__setattr__(self, "linear_classes", MappingProxyType(sets))
         refuse(list(_find_faults(self)), self.source)
 
     def __repr__(self) -> str:
@@ -151,6 +156,12 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
                 known = ", ".join(study.structure.parts)
                 hint = f"give some of {known}" if known else "it has no part to update"
                 yield f"the structure has no parameter {name!r}: {hint}"
+    for name, factors in study.linear_classes.items():
+        for factor in (each for each in factors if each not in study.parameters):
+            hint = nearest(factor, study.parameters) if study.parameters else "the study updates none"
+            yield f"the linear class {name!r} has {factor!r}, which is no parameter to update: {hint}"
+        if not factors or len(set(factors)) < len(factors):
+            yield f"the linear class {name!r} has the parameters {list(factors)}, name at least one, and each once"
     alike: dict[tuple[str, ...], list[str]] = {}
     for one in study.backbones:
         unknown = tuple(name for name in one.sensors if name not in study.structure.sensors)
@@ -184,9 +195,11 @@ def _find_harmonic_faults(study: UpdatingStudy) -> Iterator[str]:
 def _find_scatter_faults(study: UpdatingStudy) -> Iterator[str]:
     """Yield which modes have curves that do not show how lambda scatters, and which `cov` belongs to no mode."""
     curves_of, given = by_mode(study.backbones), study.noise.cov or {}
-    for mode in given:
-        if mode not in curves_of:
-            yield f"cov names mode {mode}, which has no backbone, name some of {[*curves_of]}"
+    weights = study.noise.weight if isinstance(study.noise.weight, Mapping) else {}
+    for what, modes in (("cov", given), ("weight", weights)):
+        for mode in modes:
+            if mode not in curves_of:
+                yield f"{what} names mode {mode}, which has no backbone, name some of {[*curves_of]}"
     for mode, curves in curves_of.items() if study.form != "recommended" else ():
         if mode in given:
             continue

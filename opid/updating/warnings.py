@@ -18,7 +18,7 @@ from opid.updating.likelihood.curves import (
     residuals,
 )
 from opid.updating.model_class import ModelClass
-from opid.updating.result import BackboneBand, ClassPosterior
+from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior
 from opid.updating.sampling.chains import Chain, Diagnostics, find_pressures
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.settings import UPDATING
@@ -29,6 +29,24 @@ TOO_LITTLE = (
     f"moves the frequencies by more than {100 * UPDATING.least_moved:.0f} % of their measured growth: check the unit "
     "of the amplitudes, and the scale of the law"
 )
+
+
+# ---- the linear structure ---------------------------------------------------------------------------
+
+
+def warn_of_linear_choice(classes: Sequence[LinearPosterior]) -> Iterator[str]:
+    """Yield at most one warning about the choice among classes of linear parameters."""
+    if len(classes) < 2:
+        return
+    best, second, *_ = sorted(classes, key=lambda each: -each.log_evidence)
+    lost = [each.name for each in classes if each.evidence is None]
+    if lost:
+        yield f"the linear classes {', '.join(map(repr, lost))} have no evidence: draw more samples"
+    elif (apart := best.log_evidence - second.log_evidence) < UPDATING.too_close:
+        yield (
+            f"the linear classes {best.name!r} and {second.name!r} differ by {apart:.1f} in log evidence: the lowest "
+            "points cannot distinguish them, measure more modes or sensors"
+        )
 
 
 # ---- one class -------------------------------------------------------------------------------------

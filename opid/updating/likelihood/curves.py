@@ -117,9 +117,10 @@ def residuals(mode: ModeData, eigenvalue: FloatArray) -> FloatArray:
 def _weigh_as_in_paper(data: BackboneData, mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
     """Return the log likelihood of one mode by eqs. (12) and (17), with one of three sums over points."""
     noise, n_sensors = data.noise, mode.rows.size
-    sigma = noise.weight * mode.cov * mode.eigenvalue
+    weight_of_mode = noise.weight_of(mode.mode)
+    sigma = weight_of_mode * mode.cov * mode.eigenvalue
     factor = noise.shape_factor if noise.shape_factor is not None else np.sqrt(n_sensors)
-    sigma_phi = factor * noise.weight * mode.cov
+    sigma_phi = factor * weight_of_mode * mode.cov
     score = residuals(mode, eigenvalue) / sigma
     of_curve = np.eye(mode.curve[-1] + 1)[mode.curve]
     weight = of_curve / (1.0 if data.form == "independent" else of_curve.sum(axis=0))

@@ -29,7 +29,7 @@ class LinearErrors(TypedDict, total=False):
         cov: coefficient of variation of the eigenvalue (twice that of the frequency), one for all modes or by mode. It
             is a number; "scatter" (the default, as in the paper) for that of the curves of each mode; or "inferred",
             which is right where there are few curves: it is then unknown and integrated out with the prior 1 / CoV.
-        weight: w_m of all modes; 1 where left out.
+        weight: w_m of all modes, or by mode; 1 where left out.
         shape_std: standard deviation of an entry of a shape of unit length, one for all modes or by mode. It is a
             number; "paper" (the default) for `shape_factor` w_m CoV (eq. 6, a weighting and no model of noise); or
             "inferred", as for `cov`.
@@ -40,7 +40,7 @@ class LinearErrors(TypedDict, total=False):
     """
 
     cov: OneCov | Mapping[int, OneCov]
-    weight: float
+    weight: float | Mapping[int, float]
     shape_std: OneShapeStd | Mapping[int, OneShapeStd]
     shape_factor: float | None
     common_error: float
@@ -67,7 +67,7 @@ def linear_data(
     backbones: Sequence[MeasuredBackbone],
     *,
     cov: OneCov | Mapping[int, OneCov] = "scatter",
-    weight: float = 1.0,
+    weight: float | Mapping[int, float] = 1.0,
     shape_std: OneShapeStd | Mapping[int, OneShapeStd] = "paper",
     shape_factor: float | None = None,
     common_error: float = 0.0,
@@ -92,7 +92,14 @@ def linear_data(
                 raise InputError(f"{what} is {each!r}: give {', '.join(map(repr, words))} or a number")
     if not (np.isfinite(common_error) and common_error >= 0):
         raise InputError(f"common_error is {common_error}: give 0 or more")
-    for what, number in (("weight", weight), ("shape_factor", shape_factor)):
+    weights = weight if isinstance(weight, Mapping) else dict.fromkeys(curves_of, weight)
+    for mode in weights:
+        if mode not in curves_of:
+            raise InputError(f"weight names mode {mode}, which has no backbone: name some of {[*curves_of]}")
+    for what, number in (
+        *((f"weight of mode {m}", each) for m, each in weights.items()),
+        ("shape_factor", shape_factor),
+    ):
         _ = None if number is None else require_positive(what, number)
     found = []
     for mode, curves in curves_of.items():
@@ -113,14 +120,15 @@ def linear_data(
         spread = _find_variation(mode, eigenvalue, one_cov)
         factor = float(np.sqrt(len(sensors))) if shape_factor is None else shape_factor
         guess = factor * spread if one_shape == "paper" else 1.0
+        own = weights.get(mode, 1.0)
         found.append(
             LinearData(
                 mode,
                 eigenvalue,
                 lowest / np.linalg.norm(lowest, axis=1, keepdims=True),
                 rows=np.array([structure.sensors.index(sensor) for sensor in sensors]),
-                eigenvalue_std=weight * spread * eigenvalue,
-                shape_std=weight * (guess if isinstance(one_shape, str) else require_positive("shape_std", one_shape)),
+                eigenvalue_std=own * spread * eigenvalue,
+                shape_std=own * (guess if isinstance(one_shape, str) else require_positive("shape_std", one_shape)),
                 infer_eigenvalue_std=one_cov == "inferred",
                 infer_shape_std=one_shape == "inferred",
                 common_std=2 * common_error * float(eigenvalue.mean()),

@@ -33,7 +33,8 @@ class NoiseSettings:
     serve the recommended form; phase I of "independent" uses `linear_error`, too.
 
     Args:
-        weight: weight w_m of every mode (Song eqs. 5 and 6).
+        weight: weight w_m of every mode (Song eqs. 5 and 6), or of each mode by its number, 1 where left out: a mode
+            of twice the weight has errors twice as large.
         cov: coefficient of variation of lambda by the number of the mode; from the curves of each mode where None.
         shape_factor: sigma_phi over w CoV; the square root of the number of sensors where None (Song eq. 6).
         linear_error: standard deviation of the relative error of a linear frequency of the model.
@@ -56,7 +57,7 @@ class NoiseSettings:
         InputError: a number that is not positive; the two growths may be 0.
     """
 
-    weight: float = 1.0
+    weight: float | Mapping[int, float] = 1.0
     cov: Mapping[int, float] | None = None
     shape_factor: float | None = None
     linear_error: float = 0.004
@@ -71,12 +72,18 @@ class NoiseSettings:
 
     def __post_init__(self) -> None:
         given = vars(self) | {f"cov of mode {mode}": value for mode, value in (self.cov or {}).items()}
+        if isinstance(self.weight, Mapping):
+            given |= {f"weight of mode {mode}": value for mode, value in self.weight.items()}
         for name, value in given.items():
-            if value is None or name in ("cov", "shapes"):
+            if value is None or isinstance(value, Mapping) or name == "shapes":
                 continue
             may_be_0 = name in ("linear_error_growth", "curve_growth")
             if not (np.isfinite(value) and (value > 0 or (may_be_0 and value == 0))):
                 raise InputError(f"{name} is {value}: give {'0 or more' if may_be_0 else 'a positive number'}")
+
+    def weight_of(self, mode: int) -> float:
+        """Return the weight w_m of a mode, by its number from 1."""
+        return self.weight.get(mode, 1.0) if isinstance(self.weight, Mapping) else self.weight
 
     @property
     def growth_of_linear_error(self) -> float:
