@@ -416,7 +416,7 @@ def _resonance() -> Json:
     curve |= dict.fromkeys(("amplitude_by_law", "phase_by_law_deg"), NUMBERS) | fields_of(CurveFit, "is_prediction")
     curve |= dict.fromkeys(("error", "peak_ratio"), NUMBER)
     held_out = fields_of(
-        HeldOut, "fitted", "reason", "low", "high", "range_hz", "measured_amplitude", "reach", "widened"
+        HeldOut, "fitted", "reason", "low", "high", "range_hz", "lowest_hz", "measured_amplitude", "reach", "widened"
     )
     held_out |= fields_of(HeldOut, "resonance_hz", "measured_hz", "amplitude") | {"curve": keys(curve)}
     held_out |= {"shift_hz": NUMBER, "error_fraction": NUMBER}
@@ -435,7 +435,7 @@ def _resonance() -> Json:
 
 def _resonances() -> Json:
     own = fields_of(Resonances, "title", "faults", "settings") | {"not_determined": TEXT, "warnings": TEXTS}
-    return own | {"modes": array({"type": "object"}) | {"description": "each as in resonance-1.schema.json"}}
+    return own | {"modes": array(keys(_resonance() | {"schema": {"const": RESONANCE}}))}
 
 
 def _updating() -> Json:

@@ -50,6 +50,13 @@ def curves_study(seed=0, n_curves=4):
     return replace(held_study(seed, n_curves=n_curves), tests=())
 
 
+def two_modes(seed=0):
+    """A study of which one log holds the cubic mode and another a linear one."""
+    cubic, series = held_study(seed), virtual_series("cubic")
+    linear = resonance_study(series, rng=np.random.default_rng(seed), mode=2, n_levels=8)
+    return replace(cubic, nonlinear=(2, MODE), tests=(*cubic.tests, *linear.tests))
+
+
 def hurried_study(seed=0, settling=0.3):
     """Return a study of response curves whose frequency moves on before the mode has settled."""
     rng, series = np.random.default_rng(seed), virtual_series("cubic")

@@ -12,6 +12,7 @@ from made_resonance import (
     held_study,
     requires_truth_inside,
     true_curves,
+    two_modes,
     with_force_turned,
     with_mode_unknown,
     with_polarity_reversed,
@@ -30,8 +31,6 @@ from opid.modal.study import StudyTest
 from opid.report import text
 from opid.signals.recording import recording_from_arrays
 from opid.signals.units import STANDARD_GRAVITY
-from opid.virtual.modal_tests.resonance_logs import resonance_study
-from opid.virtual.modal_tests.series import virtual_series
 
 SETTINGS = ResonanceSettings()
 MODES = held_study().modes
@@ -282,13 +281,6 @@ def test_accelerometers_of_another_gain_are_within_the_interval():
 
 
 # ---- several modes -------------------------------------------------------------------------------------
-
-
-def two_modes(seed=0):
-    """A study of which one log holds the cubic mode and another a linear one."""
-    cubic, series = held_study(seed), virtual_series("cubic")
-    linear = resonance_study(series, rng=np.random.default_rng(seed), mode=2, n_levels=8)
-    return replace(cubic, nonlinear=(2, MODE), tests=(*cubic.tests, *linear.tests))
 
 
 def test_a_study_of_two_modes_gives_both_and_one_report():

@@ -15,7 +15,7 @@ from made_fleet import draw_fleet, make_campaign
 from made_flights import body_result, write_result
 from made_health import sound_health
 from made_modal import small_decay, small_result
-from made_resonance import held_study
+from made_resonance import curves_study, held_study, two_modes
 from made_updating import small_updating
 from scripts import script
 
@@ -28,7 +28,7 @@ from opid.mechanics.truth import UpdatingTruth
 from opid.modal.linear.frequency_response import resynthesised
 from opid.modal.linear.modes import LinearModes
 from opid.modal.linear.response_fit import fit_modes
-from opid.modal.resonance.identification import identify_resonance
+from opid.modal.resonance.identification import identify_resonance, identify_resonances
 from opid.provenance import traced
 from opid.report.writing import KINDS
 from opid.result import SummaryRow
@@ -149,6 +149,14 @@ def resonance(request, folder):
     return identify_resonance(held_study(n_curves=3))
 
 
+def curve_held_out(request, folder):
+    return identify_resonance(curves_study(n_curves=5), hold_out="highest")
+
+
+def resonances(request, folder):
+    return identify_resonances(two_modes())
+
+
 def updating(request, folder):
     return small_updating()
 
@@ -158,7 +166,18 @@ def inspection(request, folder):
 
 
 OF_SUSPENSIONS = (gear, body, by_paper, structure, bench, virtual_sensors, wheel, planned, flights, campaign, fleet)
-MAKERS = (*OF_SUSPENSIONS, health, inspection, decay, linear_modes, modal, resonance, updating)
+MAKERS = (
+    *OF_SUSPENSIONS,
+    health,
+    inspection,
+    decay,
+    linear_modes,
+    modal,
+    resonance,
+    curve_held_out,
+    resonances,
+    updating,
+)
 
 
 @pytest.fixture(scope="module", params=MAKERS, ids=lambda maker: maker.__name__)
