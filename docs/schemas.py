@@ -414,7 +414,7 @@ def _resonance() -> Json:
     level["modal"] = array(NUMBERS) | {"description": "those of each modal acceleration, m/s^2 kg^1/2"}
     curve = fields_of(ResponseCurve, "name", "sensor", "frequency_hz", "force_n", "amplitude", "phase_deg")
     curve |= dict.fromkeys(("amplitude_by_law", "phase_by_law_deg"), NUMBERS) | fields_of(CurveFit, "is_prediction")
-    curve |= dict.fromkeys(("error", "peak_ratio"), NUMBER)
+    curve |= dict.fromkeys(("error", "peak_ratio"), NUMBER) | fields_of(CurveFit, "resonance")
     held_out = fields_of(
         HeldOut, "fitted", "reason", "low", "high", "range_hz", "lowest_hz", "measured_amplitude", "reach", "widened"
     )

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cli_runs import opid
-from made_resonance import MODE, held_study, true_curves
+from made_resonance import MODE, curves_study, held_study, true_curves
 from measured_data import measured
 from scipy.integrate import solve_ivp
 
@@ -222,7 +222,33 @@ def test_a_resonance_test_is_a_backbone(tmp_path):
         read(path)
     path.write_text(json_text(replace(result, states=(), appropriation=None, level_tests=(),
                                       level_start_s=np.empty(0), level_stop_s=np.empty(0)).to_dict()))  # fmt: skip
-    with pytest.raises(InputError, match="no level at phase resonance: only levels, not response curves, make"):
+    with pytest.raises(InputError, match="its curves have no sensor"):
+        read(path, mode=MODE, controlled_sensor=sensor, sensors=study.modes.sensors)
+
+
+def test_response_curves_are_a_backbone_of_one_point_each(tmp_path):
+    """Stepped sines at five levels: the resonances of the curves lie on the true backbone."""
+    for seed in range(3):
+        study = curves_study(seed, n_curves=5)
+        result = identify_resonance(study)
+        path = tmp_path / "result.json"
+        path.write_text(json_text(result.to_dict()), encoding="utf-8")
+        sensor = study.curves[0].sensor
+        (curve,), error = read(path, mode=MODE, controlled_sensor=sensor, sensors=study.modes.sensors)
+        assert curve.frequency_hz.size == 5
+        shape = abs(study.modes.row(sensor)[MODE - 1])
+        np.testing.assert_allclose(curve.frequency_hz, true_curves(curve.controlled_amplitude / shape)[0], rtol=2e-3)
+        assert 0 < error < 2e-3
+        off = curve.frequency_hz / true_curves(curve.controlled_amplitude / shape)[0] - 1
+        stated = np.array([each["resonance"]["hz_std_at_motion"] for each in result.to_dict()["curves"]])
+        assert np.abs(off * curve.frequency_hz / np.sort(stated)).max() < 3.5
+    with pytest.raises(InputError, match="its curves have no sensor 'tip'"):
+        read(path)
+    document = json.loads(path.read_text(encoding="utf-8"))
+    for each in document["curves"][:3]:
+        each["resonance"] = None
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(InputError, match="2 of its response curves have points near phase resonance"):
         read(path, mode=MODE, controlled_sensor=sensor, sensors=study.modes.sensors)
 
 

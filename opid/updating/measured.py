@@ -178,8 +178,9 @@ def read_result_backbones(
     """Return the backbones that a result.json holds, and the standard deviation of a frequency, as a fraction of it.
 
     A result of `opid decay` gives one backbone, or one for each of its repeats; its windows are averaged in up to 20
-    parts of even width of their amplitudes. One of `opid resonance` gives the levels at phase resonance. Amplitudes are
-    those of one sensor, so that no shape is compared.
+    parts of even width of their amplitudes. One of `opid resonance` gives the levels at phase resonance or, where there
+    are none, one point for each response curve, at its resonance. Amplitudes are those of one sensor, so that no shape
+    is compared.
 
     Args:
         path: the result.json.
@@ -344,7 +345,7 @@ def _tabulate_levels(document: dict[str, Any], controlled: str) -> FloatArray:
     """
     levels = document["levels"]
     if not levels:
-        raise InputError("it has no level at phase resonance: only levels, not response curves, make a backbone")
+        return _tabulate_curves(document["curves"], controlled)
     if controlled not in document["sensors"]:
         raise InputError(f"its test has no sensor {controlled!r}: {nearest(controlled, document['sensors'])}")
     row = document["sensors"].index(controlled)
@@ -355,6 +356,21 @@ def _tabulate_levels(document: dict[str, Any], controlled: str) -> FloatArray:
     law = document["backbone_law"] or document["records_law"]
     std = np.interp(modal, law["amplitude"], law["frequency_std_hz"]) if law else np.zeros_like(hz)
     return np.column_stack([amplitude, hz, np.maximum(std, 1e-9 * hz)])
+
+
+def _tabulate_curves(curves: list[dict[str, Any]], controlled: str) -> FloatArray:
+    """Return amplitude, m, frequency, Hz, and its standard deviation at resonance of each response curve, (n, 3)."""
+    known = list(dict.fromkeys(each["sensor"] for each in curves))
+    if controlled not in known:
+        raise InputError(f"its curves have no sensor {controlled!r}: {nearest(controlled, known)}")
+    found = [each["resonance"] for each in curves if each["sensor"] == controlled and each["resonance"]]
+    if len(found) < LEAST_POINTS:
+        raise InputError(
+            f"{len(found)} of its response curves have points near phase resonance and a law: a backbone needs "
+            f"{LEAST_POINTS}, each at a level of its own"
+        )
+    table = np.array([[each["motion"], each["hz"], each["hz_std_at_motion"]] for each in found], dtype=np.float64)
+    return table[np.argsort(table[:, 0])]
 
 
 def _average_parts(table: FloatArray) -> FloatArray:

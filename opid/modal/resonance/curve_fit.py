@@ -29,6 +29,28 @@ MOST_WITHOUT = 0.05  # fraction of drawn laws without a motion, from which no in
 BEYOND = 1.5  # largest amplitude at which a law makes motions, over the largest that it was fitted to
 
 
+@dataclass(frozen=True)
+class CurveResonance:
+    """Where a measured curve is at phase resonance.
+
+    Args:
+        hz: frequency, Hz.
+        hz_std: standard deviation of it by the noise of the point nearest to quadrature, Hz.
+        amplitude: amplitude of the mode, m kg^1/2.
+        force: modal force there, N/kg^1/2.
+        motion: amplitude of the displacement of the sensor by the shape of the mode, m.
+        hz_std_at_motion: standard deviation of the frequency as one of this motion, Hz: the noise of the amplitude
+            counts, too, by the slope of the law.
+    """
+
+    hz: float
+    hz_std: float
+    amplitude: float
+    force: float
+    motion: float
+    hz_std_at_motion: float
+
+
 @dataclass(frozen=True, eq=False)
 class CurveFit:
     """A response curve beside the one that a law makes of the same forces.
@@ -38,11 +60,13 @@ class CurveFit:
         response: (n,) complex acceleration of the sensor by the law, m/s^2; of several motions that the law allows at a
             frequency the one nearest to the measured one; NaN where it has none up to 1.5 times its largest amplitude.
         is_prediction: whether the law is that of other measurements, without any of the curves.
+        resonance: where the measured curve is at phase resonance; None where no point is near it, or there is no law.
     """
 
     curve: ResponseCurve
     response: ComplexArray
     is_prediction: bool
+    resonance: CurveResonance | None = None
 
     @classmethod
     def without_law(cls, curve: ResponseCurve) -> CurveFit:
@@ -81,6 +105,7 @@ class CurveFit:
             "is_prediction": self.is_prediction,
             "error": self.error,
             "peak_ratio": self.peak_ratio,
+            "resonance": None if self.resonance is None else asdict(self.resonance),
         }
 
 
@@ -229,7 +254,13 @@ def make_curve(
     """
     driven = _DrivenCurve.of(curve, modes, mode, drive_point)
     most = BEYOND * float(law.amplitude.max())
-    return CurveFit(curve, driven.find_response(law.candidates[0], most, driven.measured), is_prediction)
+    settings = ResonanceSettings()
+    states = read_curve_states(curve, modes=modes, mode=mode, drive_point=drive_point, settings=settings)
+    shape = float(np.abs(driven.shape))
+    resonance = _find_resonance(states, law.candidates[0], curve.error_fraction, shape, settings)
+    is_near = min(abs(each.phase_error_deg) for each in states) < settings.near_deg
+    response = driven.find_response(law.candidates[0], most, driven.measured)
+    return CurveFit(curve, response, is_prediction, resonance if is_near else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -439,12 +470,14 @@ def _predict(
     settings: ResonanceSettings,
 ) -> HeldOut:
     best, rng = law.candidates[0], np.random.default_rng(0)
+    driven = _DrivenCurve.of(curve, **place)
+    shape = float(np.abs(driven.shape))
     read: dict[str, Any] = {**place, "settings": settings}
     measured, *seen = (
-        _find_resonance(read_curve_states(each, **read), best, each.error_fraction, settings)
+        _find_resonance(read_curve_states(each, **read), best, each.error_fraction, shape, settings)
         for each in (curve, *others)
     )
-    driven, most = _DrivenCurve.of(curve, **place), settings.farthest_reach * float(law.amplitude.max())
+    most = settings.farthest_reach * float(law.amplitude.max())
     response = driven.find_response(best, most, driven.measured)
     made = find_law_resonance(best, measured.force, most)
     weights = np.array([each.weight for each in law.candidates])
@@ -477,7 +510,7 @@ def _predict(
     )
 
 
-def _find_scatter(seen: Sequence[_Resonance], law: LawCandidate, most: float) -> float:
+def _find_scatter(seen: Sequence[CurveResonance], law: LawCandidate, most: float) -> float:
     """Return by how much the resonances of curves scatter about their law, rms, as a fraction of the frequency.
 
     The structure is in another state in each curve, and so it is in the one that is predicted.
@@ -497,19 +530,9 @@ def _explain_no_resonance(curve: ResponseCurve, settings: ResonanceSettings) -> 
     )
 
 
-@dataclass(frozen=True)
-class _Resonance:
-    """Where a measured curve is at phase resonance."""
-
-    hz: float
-    hz_std: float
-    amplitude: float
-    force: float  # modal force there, N/kg^1/2
-
-
 def _find_resonance(
-    states: Sequence[SteadyState], law: LawCandidate, error: float, settings: ResonanceSettings
-) -> _Resonance:
+    states: Sequence[SteadyState], law: LawCandidate, error: float, shape: float, settings: ResonanceSettings
+) -> CurveResonance:
     """Return the resonance of a curve by its points near quadrature.
 
     Each of them gives the frequency at its own amplitude, which is a little below that at resonance: a line over the
@@ -527,7 +550,16 @@ def _find_resonance(
     if square.size >= FEWEST_NEAR and square.max() > settings.least_line * square.min():
         of_points = np.sqrt(np.maximum([each.stiffness for each in close], 0.0)) / (2.0 * np.pi)
         hz = float(np.polyfit(square / amplitude**2 - 1.0, of_points, 1)[1])
-    return _Resonance(hz, std, amplitude, abs(near.force))
+    ends = law.find_dynamic_stiffness(amplitude * np.array([1.0, 1.0 + error]), 0.0).real
+    change = float(np.diff(np.sqrt(np.maximum(ends, 0.0)))[0]) / (2.0 * np.pi)
+    return CurveResonance(
+        hz=hz,
+        hz_std=std,
+        amplitude=float(amplitude),
+        force=float(abs(near.force)),
+        motion=float(amplitude * shape),
+        hz_std_at_motion=float(np.hypot(std, change)),
+    )
 
 
 def find_law_resonance(law: LawCandidate, force: float, most: float) -> tuple[float, float]:
