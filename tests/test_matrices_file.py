@@ -3,7 +3,7 @@ import gzip
 import numpy as np
 import pytest
 from scipy import sparse
-from scipy.io import mmwrite, savemat
+from scipy.io import hb_write, mmwrite, savemat
 
 from opid.errors import InputError
 from opid.updating.structure.affine import AffineStructure
@@ -84,6 +84,25 @@ def test_a_file_for_each_matrix(tmp_path, truth, symmetry):
     same(read_structure(files, **settings), truth)
     np.save(tmp_path / "m.npy", MASS)
     same(read_structure(files | {"mass": tmp_path / "m.npy"}, **settings), truth)
+
+
+def test_harwell_boeing_whole_or_as_one_triangle_with_either_exponent(tmp_path, truth):
+    hb_write(str(tmp_path / "m.hb"), sparse.csc_matrix(MASS))
+    hb_write(str(tmp_path / "whole.hb"), sparse.csc_matrix(PART))
+    hb_write(str(tmp_path / "lower.hb"), sparse.csc_matrix(np.tril(PART)))
+    text = (tmp_path / "lower.hb").read_text()
+    (tmp_path / "k.RSA").write_text(text.replace("RUA", "RSA", 1))
+    sparse.save_npz(tmp_path / "k0.npz", sparse.csc_matrix(SOFT))
+    given = {"sensors": SENSORS, "joints": {"link": ["2 UX", "5 UX"]}, "dofs": list(DOFS)}
+    files = {"mass": tmp_path / "m.hb", "stiffness": tmp_path / "k0.npz"}
+    same(read_structure(files | {"part_E": tmp_path / "k.RSA"}, **given), truth)
+    head, data = text.split("\n", 1)
+    (tmp_path / "d.rsa").write_text(f"{head}\n{data.replace('RUA', 'RSA', 1).replace('E', 'D')}")
+    same(read_structure(files | {"part_E": tmp_path / "d.rsa"}, **given), truth)
+    same(read_structure(files | {"part_E": tmp_path / "whole.hb"}, **given), truth)
+    (tmp_path / "cut.hb").write_text(text[:100])
+    with pytest.raises(InputError, match="cut[.]hb cannot be read"):
+        read_structure(files | {"part_E": tmp_path / "cut.hb"}, **given)
 
 
 @pytest.mark.parametrize(

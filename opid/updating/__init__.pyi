@@ -32,7 +32,7 @@ from .result import (
 )
 from .sampling.chains import to_inference_data as to_inference_data
 from .sampling.evidence import laplace as laplace, maximum_a_posteriori as maximum_a_posteriori
-from .structure.affine import AffineStructure as AffineStructure
+from .structure.affine import AffineStructure as AffineStructure, structure_from_skfem as structure_from_skfem
 from .structure.matrices_file import (
     read_structure as read_structure,
     write_structure as write_structure,

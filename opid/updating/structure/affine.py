@@ -1,4 +1,7 @@
-"""A user's finite-element structure whose stiffness is affine in the parameters to update: K = K0 + sum theta_i K_i."""
+"""A user's finite-element structure whose stiffness is affine in the parameters to update: K = K0 + sum theta_i K_i.
+
+It is made of sparse matrices with names, or of what scikit-fem assembled.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,9 @@ from scipy import sparse
 
 from opid.errors import InputError, nearest, refuse
 from opid.signals.recording import FloatArray
+
+Point = tuple[float | Sequence[float], str]
+"""Coordinates of a point of a mesh, and the component of its motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +83,138 @@ class AffineStructure:
     def joint_rows(self) -> FloatArray:
         """(n_joints, n_dof) extension of each joint for unit motion, see `find_joint_rows`."""
         return find_joint_rows(self.joints, self.dofs)
+
+
+def structure_from_skfem(
+    basis: Any,
+    *,
+    mass: Any,
+    parts: Mapping[str, Any],
+    points: Mapping[str, Point],
+    stiffness: Any = None,
+    fixed: Any = (),
+    sensors: Sequence[str] | None = None,
+    joints: Mapping[str, str | Sequence[str]] | None = None,
+    farthest: float | None = None,
+) -> AffineStructure:
+    """Return a structure that scikit-fem assembled, without its constrained degrees of freedom.
+
+    A degree of freedom is called by the number of its node and the name that scikit-fem gives its component: "12 u_x"
+    is the slope at `basis.mesh.p[:, 12]` of a beam, "12 u^2" the motion along y of a solid. Those that do not lie at
+    nodes are called "edge 3 u^1", "facet 3 u_n" and "interior 3 u^1". One that is a point has the name of the point.
+
+    Args:
+        basis: the `skfem.Basis` with which all matrices were assembled; its mesh is in m.
+        mass: (basis.N, basis.N) sparse mass matrix, kg.
+        parts: parts of the stiffness by the name of the factor that multiplies each, N/m.
+        points: coordinates and component of sensors and ends of joints by their names, like {"tip": ((1.0, 0.2), "u")};
+            each is the degree of freedom of the nearest node.
+        stiffness: part of the stiffness that no factor multiplies; none where left out.
+        fixed: degrees of freedom that do not move, from `basis.get_dofs`, or their indices.
+        sensors: names of the points that are measured, in the order of the data; all where left out.
+        joints: the two ends of each nonlinear joint, or the one of a joint to the ground, by its name: points, or other
+            degrees of freedom.
+        farthest: distance, m, of a point from its node from which on it is refused; half the distance of that node from
+            the next one where left out.
+
+    Raises:
+        InputError: matrices of another basis; a point that lies far from all nodes, does not move, is another one, or
+            has a component or coordinates that the mesh does not have; or what `AffineStructure` refuses.
+    """
+    held = np.zeros(basis.N, dtype=bool)
+    held[np.asarray(fixed.flatten() if hasattr(fixed, "flatten") else fixed, dtype=np.int64)] = True
+    given = {"mass": mass, **parts, **({} if stiffness is None else {"stiffness": stiffness})}
+    faults = [
+        f"the matrix {name!r} has shape {matrix.shape}, and the basis {basis.N} degrees of freedom: assemble it with "
+        "this basis"
+        for name, matrix in given.items()
+        if matrix.shape != (basis.N, basis.N)
+    ]
+    names = _name_skfem_dofs(basis)
+    place, misplaced = _place_points(basis, points, names, held, farthest)
+    refuse([*faults, *misplaced], None)
+    free = np.flatnonzero(~held)
+
+    def condense(matrix: Any) -> sparse.csr_matrix:
+        return sparse.csr_matrix(matrix)[free][:, free]
+
+    return AffineStructure(
+        condense(mass),
+        sparse.csr_matrix((free.size, free.size)) if stiffness is None else condense(stiffness),
+        {name: condense(part) for name, part in parts.items()},
+        tuple(place.get(index, names[index]) for index in free.tolist()),
+        tuple(points if sensors is None else sensors),
+        {name: (ends,) if isinstance(ends, str) else tuple(ends) for name, ends in (joints or {}).items()},
+    )
+
+
+def _place_points(
+    basis: Any, points: Mapping[str, Point], names: Sequence[str], held: NDArray[np.bool_], farthest: float | None
+) -> tuple[dict[int, str], list[str]]:
+    """Return the name of each point by the index of its degree of freedom, and what is wrong with the points."""
+    place: dict[int, str] = {}
+    faults: list[str] = []
+    for name, (coordinates, component) in points.items():
+        try:
+            index = _find_skfem_dof(basis, coordinates, component, farthest)
+        except InputError as error:
+            faults.append(f"the point {name!r} {error}")
+            continue
+        if held[index]:
+            faults.append(
+                f"the point {name!r} is at {names[index]!r}, which is fixed: place it where the structure moves"
+            )
+        if index in place:
+            faults.append(
+                f"the points {place[index]!r} and {name!r} are both at {names[index]!r}: refine the mesh there"
+            )
+        place[index] = name
+    return place, faults
+
+
+def _name_skfem_dofs(basis: Any) -> list[str]:
+    """Return the names of all degrees of freedom of a basis, in its order."""
+    names = [""] * basis.N
+    components = iter(basis.elem.dofnames)
+    kinds = {
+        "": basis.nodal_dofs,
+        "edge ": basis.edge_dofs,
+        "facet ": basis.facet_dofs,
+        "interior ": basis.interior_dofs,
+    }
+    for kind, table in kinds.items():
+        for row in table:
+            component = next(components)
+            for number, index in enumerate(row):
+                names[index] = f"{kind}{number} {component}"
+    return names
+
+
+def _find_skfem_dof(basis: Any, coordinates: float | Sequence[float], component: str, farthest: float | None) -> int:
+    """Return the index of a component of the node nearest to some coordinates."""
+    components = list(basis.elem.dofnames)[: len(basis.nodal_dofs)]
+    if component not in components:
+        raise InputError(
+            f"has the component {component!r}, which the nodes do not have: {nearest(component, components)}"
+        )
+    nodes = basis.mesh.p.T
+    at = np.atleast_1d(np.asarray(coordinates, dtype=np.float64))
+    if at.shape != nodes.shape[1:] or not np.isfinite(at).all():
+        raise InputError(f"has the coordinates {at.tolist()}: give {nodes.shape[1]} numbers, as the mesh has")
+    row = basis.nodal_dofs[components.index(component)]
+    # Meshes of a higher order have points without degrees of freedom behind their nodes.
+    nodes = nodes[: len(row)]
+    distance = np.linalg.norm(nodes - at, axis=1)
+    node = int(np.argmin(distance))
+    others = np.linalg.norm(nodes - nodes[node], axis=1)
+    limit = 0.5 * float(others[others > 0].min()) if farthest is None else farthest
+    # A point in the middle between two nodes is not beyond the limit because of rounding.
+    if distance[node] > limit * (1 + 1e-9):
+        raise InputError(
+            f"lies {distance[node]:.3g} m from the nearest node, {node} at {nodes[node].tolist()}, more than "
+            f"{limit:.3g} m: correct the coordinates, refine the mesh there, or give a larger `farthest`"
+        )
+    return int(row[node])
 
 
 def find_joint_rows(joints: Mapping[str, tuple[str, ...]], dofs: Sequence[str]) -> FloatArray:

@@ -1,4 +1,7 @@
-"""An `AffineStructure` from matrices of a finite-element code (npz, Matrix Market, MATLAB) and names."""
+"""An `AffineStructure` from matrices of a finite-element code and names.
+
+The files are npz, Matrix Market, MATLAB or Harwell-Boeing.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,7 @@ Source = str | os.PathLike[str]
 
 PART = "part_"  # prefix of the name of a matrix that a parameter multiplies: part_E_steel for E_steel
 MARKET = (".mtx", ".mtx.gz")
+BOEING = (".hb", ".rsa", ".rua")
 NAMES = ("dofs", "sensors", "joints")  # arrays that a file may hold beside matrices
 PIECES = ("data", "indices", "indptr")  # arrays of a sparse matrix in npz, by rows as in scipy
 
@@ -34,10 +38,10 @@ def read_structure(
     """Read the matrices of a structure, K = stiffness + sum theta_NAME part_NAME, in SI units.
 
     One file holds all of them: npz (each matrix dense, or sparse in the three arrays of `PIECES`) or MATLAB up to
-    version 7 (full or sparse). Or each has its file: Matrix Market (.mtx, .mtx.gz), scipy's sparse .npz, or .npy. The
-    names are `mass`, `stiffness` (of the parts that are not updated, if any) and `part_NAME` for each parameter.
-    A file may also hold `dofs` (n_dof), `sensors` (n_sensors) and `joints` (n_joints, 3: name, one end, other end) as
-    text; the other end of a joint to the ground is empty. Nothing is unpickled.
+    version 7 (full or sparse). Or each has its file: Matrix Market (.mtx, .mtx.gz), Harwell-Boeing (.hb, .rsa, .rua),
+    scipy's sparse .npz, or .npy. The names are `mass`, `stiffness` (of the parts that are not updated, if any) and
+    `part_NAME` for each parameter. A file may also hold `dofs` (n_dof), `sensors` (n_sensors) and `joints` (n_joints,
+    3: name, one end, other end) as text; the other end of a joint to the ground is empty. Nothing is unpickled.
 
     Args:
         matrices: the file, or a file for each matrix by its name.
@@ -139,7 +143,7 @@ def write_structure(path: Source, structure: AffineStructure) -> None:
 
 
 def _read_one(path: Path) -> dict[str, Any]:
-    if path.name.lower().endswith(MARKET):
+    if path.name.lower().endswith((*MARKET, *BOEING)):
         raise InputError(f'{path} holds one matrix: give a file for each, {{"mass": ..., "stiffness": ...}}')
     kind = path.suffix.lower()
     if kind not in (".npz", ".mat"):
@@ -155,11 +159,16 @@ def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]
 def _read_matrix_file(path: Path) -> Any:
     from scipy.io import mmread
 
-    readers = {**dict.fromkeys(MARKET, mmread), ".npz": _read_sparse_npz, ".npy": lambda each: np.load(each)}
+    readers = {
+        **dict.fromkeys(MARKET, mmread),
+        **dict.fromkeys(BOEING, _read_harwell_boeing),
+        ".npz": _read_sparse_npz,
+        ".npy": lambda each: np.load(each),
+    }
     for ending, read in readers.items():
         if path.name.lower().endswith(ending):
             return _open_file(path, read)
-    raise InputError(f"{path} has an unknown format for a matrix: give .mtx, .mtx.gz, .npz or .npy")
+    raise InputError(f"{path} has an unknown format for a matrix: give .mtx, .mtx.gz, .hb, .npz or .npy")
 
 
 def _try_to(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
@@ -199,6 +208,22 @@ def _read_npz(path: Path) -> dict[str, Any]:
 def _read_sparse_npz(path: Path) -> Any:
     with path.open("rb") as file:
         return sparse.load_npz(file)
+
+
+def _read_harwell_boeing(path: Path) -> Any:
+    """Return the matrix of a Harwell-Boeing text file, with both triangles of a symmetric one."""
+    import io
+
+    from scipy.io import hb_read
+
+    lines = path.read_text(encoding="latin-1").splitlines()
+    kind = lines[2][:3].upper()
+    # scipy reads matrices that are not symmetric, and exponents with an E.
+    if kind == "RSA":
+        lines[2] = f"RUA{lines[2][3:]}"
+    body = "\n".join([lines[0], *(line.upper().replace("D", "E") for line in lines[1:])])
+    matrix = sparse.csr_matrix(hb_read(io.StringIO(body + "\n")))
+    return matrix + matrix.T - sparse.diags(matrix.diagonal()) if kind == "RSA" else matrix
 
 
 def _read_matlab(path: Path) -> dict[str, Any]:
