@@ -68,7 +68,15 @@ from opid.suspensions.sensing.result import SCHEMA as SENSING, Sensing, VirtualS
 from opid.suspensions.wheel.result import SCHEMA as WHEEL, WheelIdentification
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass
-from opid.updating.result import SCHEMA as UPDATING, ClassPosterior, Confusion, LinearPosterior, Updating
+from opid.updating.result import (
+    SCHEMA as UPDATING,
+    ClassPosterior,
+    Confusion,
+    LinearMode,
+    LinearPosterior,
+    ModeShape,
+    Updating,
+)
 from opid.updating.structure.reduction import ReductionErrors
 
 Json = dict[str, Any]
@@ -446,8 +454,10 @@ def _updating() -> Json:
     model_class = fields_of(ModelClass) | fields_of(ClassPosterior, *own) | rank
     model_class |= {"law": TEXT, "coefficients": table(keys(posterior | {"unit": TEXT}))}
     model_class |= {"log_evidence": NUMBER, "log_evidence_std": NUMBER}
-    linear = fields_of(LinearPosterior, "modes", "diagnostics", "warnings", "name", "evidence")
+    linear = fields_of(LinearPosterior, "diagnostics", "warnings", "name", "evidence")
     linear |= rank | {"best": table(NUMBER)}
+    of_mode = [each.name for each in fields(LinearMode) if each.name != "initial_shape"]
+    linear["modes"] = array(keys(fields_of(LinearMode, *of_mode)))
     measured = fields_of(MeasuredBackbone, "name", "mode", "controlled_sensor", "frequency_hz")
     measured["amplitude"] = table(NUMBERS) | {"description": "m, by sensor"}
     top = ("title", "form", "best_class", "prediction", "warnings", "not_determined", "settings")
@@ -460,6 +470,7 @@ def _updating() -> Json:
         "reduction_free": of_type(ReductionErrors | None),
         "confusion": of_type(Confusion | None),
         "measured": array(keys(measured)),
+        "shapes": array(of_type(ModeShape)),
     }
 
 

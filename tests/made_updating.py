@@ -32,6 +32,10 @@ CLASSES = (
 )
 
 
+INITIAL_SHAPES = np.array([[0.3, 0.1], [0.7, 0.7], [0.5, 0.9], [0.2, 0.1], [0.6, -0.9], [0.8, -0.6]])
+"""Shapes of the structure before it was updated."""
+
+
 def small_system():
     """Two modes of interest and a third one above, 14.65, 17.71 and 60 Hz."""
     eigenvalue = (2 * np.pi * np.array([14.65, 17.71, 60.0])) ** 2
@@ -85,8 +89,8 @@ def small_linear():
         covariance=covariance,
         samples=rng.multivariate_normal(mean, covariance, 3000),
         modes=(
-            LinearMode(1, 14.65, 22.78, 14.65, 0.81, 0.99),
-            LinearMode(2, 17.71, 30.91, 17.72, 0.95, 0.98),
+            LinearMode(1, 14.65, 22.78, 14.65, 0.81, 0.99, INITIAL_SHAPES[:, 0]),
+            LinearMode(2, 17.71, 30.91, 17.72, 0.95, 0.98, INITIAL_SHAPES[:, 1]),
         ),
         diagnostics=Diagnostics("adaptive", 3000, 3500, 0.31, 412.0, 1.004),
         warnings=("the posterior of E_steel lies far from its nominal value",),

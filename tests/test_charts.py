@@ -136,6 +136,21 @@ def test_panels_of_one_time_are_linked_and_one_label_is_one_entry_of_the_legend(
     assert [each["text"] for each in layout["annotations"]] == [f"<b>run {k}</b>" for k in range(4)]
 
 
+def test_a_sketch_has_neither_axes_nor_numbers_and_one_scale():
+    ax = Figure().subplots()
+    ax.plot([0, 1], [0, 2])
+    ax.set_aspect("equal")
+    ax.set(xticks=[], yticks=[])
+    ax.spines[:].set_visible(False)
+    layout = build_chart(ax.get_figure())["layout"]
+    for letter in "xy":
+        axis = layout[f"{letter}axis"]
+        assert (axis["showline"], axis["showticklabels"], axis["ticks"]) == (False, False, "")
+        assert axis["constrain"] == "domain"
+        assert "tickvals" not in axis
+    assert layout["yaxis"]["scaleanchor"] == "x"
+
+
 def test_an_axis_that_runs_down_does_so_on_the_page():
     ((ax,),) = axes()
     ax.set_ylim(3.5, -0.5)

@@ -101,7 +101,7 @@ def test_harwell_boeing_whole_or_as_one_triangle_with_either_exponent(tmp_path, 
     same(read_structure(files | {"part_E": tmp_path / "d.rsa"}, **given), truth)
     same(read_structure(files | {"part_E": tmp_path / "whole.hb"}, **given), truth)
     (tmp_path / "cut.hb").write_text(text[:100])
-    with pytest.raises(InputError, match="cut[.]hb cannot be read"):
+    with pytest.raises(InputError, match=r"cut[.]hb cannot be read"):
         read_structure(files | {"part_E": tmp_path / "cut.hb"}, **given)
 
 

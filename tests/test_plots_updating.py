@@ -5,7 +5,7 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
-from made_updating import CUBIC, SENSORS, small_bands, small_linear, small_measured, small_updating
+from made_updating import CONTROLLED, CUBIC, SENSORS, small_bands, small_linear, small_measured, small_updating
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 
@@ -14,6 +14,7 @@ from opid.errors import InputError
 from opid.estimate import format_number
 from opid.plots import ForceBand
 from opid.plots.style import RUN_COLORS, VERMILION
+from opid.updating.measured import Place
 from opid.updating.structure.reduction import ReductionErrors
 
 
@@ -54,6 +55,7 @@ DRAWN = {
     "log_evidences": lambda: plots.log_evidences(small_updating()),
     "joint_forces": forces,
     "linear_updating": lambda: plots.linear_updating(small_linear()),
+    "mode_shape as bars": lambda: plots.mode_shape(small_updating().mode_shapes[0]),
     "reduction_figure": modes_of_reduction,
     "running_moments": lambda: plots.running_moments(samples(500, 1), ["a"]),
 }
@@ -254,3 +256,37 @@ def test_curves_of_one_sensor_and_bands_of_one_sensor_are_named_once():
     assert len(grid.ravel()) == 2
     for ax in grid.ravel():
         assert sorted(ax.get_legend_handles_labels()[1]) == ["95 % band", "measured", "predicted"]
+
+
+def test_a_shape_is_drawn_at_its_sensors_where_their_coordinates_are_known():
+    """The motion of each sensor is drawn in its direction, and neighbours are joined."""
+    (shape, _), size = small_updating().mode_shapes, len(SENSORS)
+    places = {name: Place((0.1 * k, 0.0, 0.0), "x" if k == 0 else "z") for k, name in enumerate(SENSORS)}
+    ax = plots.mode_shape(shape, places)
+    (measured,) = [line for line in ax.lines if line.get_label() == "measured"]
+    points = measured.get_xydata().reshape(-1, 3, 2)
+    assert len(points) == size - 1
+    assert np.isnan(points[:, 2]).all()
+    # x goes right and up, z goes up: a motion along z changes no horizontal coordinate.
+    rest = np.array([0.1 * k for k in range(size)]) * np.sqrt(0.75)
+    assert np.sort(points[:, :2, 0].ravel())[-1] == pytest.approx(rest[-1])
+    up = points[-1, 1, 1] - 0.5 * 0.1 * (size - 1)
+    first = points[0, 0, 0] - rest[0]
+    assert up / first == pytest.approx(shape.measured[-1] / (shape.measured[0] * np.sqrt(0.75)))
+    assert {line.get_label() for line in ax.lines} >= {"measured", "updated", "initial"}
+    FigureCanvasAgg(ax.get_figure()).draw()
+
+
+def test_shapes_of_the_structure_are_brought_nearest_to_the_measured_ones():
+    result = small_updating()
+    for shape in result.mode_shapes:
+        for other in (shape.structure, shape.initial):
+            assert (shape.measured - other) @ other == pytest.approx(0, abs=1e-12)
+        assert np.linalg.norm(shape.measured) == pytest.approx(1, abs=1e-3)
+        assert shape.structure == pytest.approx(shape.measured, abs=0.02)
+    bare = replace(result, linear=None).mode_shapes[0]
+    assert bare.initial is None
+    labels = [text.get_text() for text in plots.mode_shape(bare).get_legend().get_texts()]
+    assert labels == ["measured", "structure"]
+    alone = [replace(each, sensors=(CONTROLLED,), amplitude=np.abs(each.amplitude[:, 1:2])) for each in result.measured]
+    assert replace(result, measured=tuple(alone)).mode_shapes == ()

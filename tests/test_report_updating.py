@@ -138,7 +138,8 @@ def test_the_page_opens_offline_with_its_figures_inside(result, tmp_path):
     text = page.read_text(encoding="utf-8")
     names = set(re.findall(r'data-chart="(\w+)"', text))
     assert names == {
-        *("measured_mode_1", "measured_mode_2", "predicted_mode_1", "predicted_mode_2"),
+        *("measured_mode_1", "measured_mode_2", "shape_mode_1", "shape_mode_2"),
+        *("predicted_mode_1", "predicted_mode_2"),
         *("linear_updating", "linear_samples", "linear_running", "log_evidences", "joint_forces"),
         # the data rule out the first class
         *(f"class_{number}_{what}" for number in (2, 3) for what in ("samples", "running")),
@@ -374,7 +375,8 @@ def test_what_few_readers_need_is_folded(result):
     found = build_document(result)
     shown = [figure.name for figure in found.figures if not figure.fold]
     best = ["class_2_samples"]
-    assert shown == ["measured_mode_1", "log_evidences", "joint_forces", *best, "predicted_mode_1", "predicted_mode_2"]
+    predicted = ["predicted_mode_1", "predicted_mode_2"]
+    assert shown == ["measured_mode_1", "shape_mode_1", "log_evidences", "joint_forces", *best, *predicted]
     running = {figure.fold for figure in found.figures if figure.name.endswith("_running")}
     assert len(running) == 1
     others = {figure.name: figure.fold for figure in found.figures}["class_3_samples"]

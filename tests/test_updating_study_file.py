@@ -12,7 +12,7 @@ from opid.modal.linear.modes_file import write_modes
 from opid.provenance import read_file
 from opid.studies.study_file import read_study, write_study
 from opid.updating.checks import nominal_modes
-from opid.updating.measured import write_backbone
+from opid.updating.measured import Place, write_backbone
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import write_structure
@@ -175,6 +175,39 @@ def test_what_is_wrong_with_many_files_is_said_once(place):
         text += f'[[backbones]]\nfile = "{number}.csv"\nmode = 1\ncontrolled_sensor = "tip"\n'
     told = refused(place, text, "[[backbones]] 5 files ('0.csv' and 4 others): the column 'tipp [mm]' is not a sensor")
     assert "faults" not in told
+
+
+COORDINATES = """
+[structure.coordinates]
+a = [0, 0, 0]
+b = [0.1, 0, 0, "x"]
+c = [0.2, 0, 0.5]
+tip = [0.3, 0, 0, "y"]
+"""
+
+
+def test_coordinates_of_the_sensors_are_read_and_written(place):
+    study = study_of(place, STUDY + COORDINATES)
+    assert study.places["b"] == Place((0.1, 0.0, 0.0), "x")
+    assert study.places["c"] == Place((0.2, 0.0, 0.5))
+    (place / "copy").mkdir()
+    write_study(study, place / "copy" / "study.toml")
+    assert dict(read_study(place / "copy" / "study.toml").places) == dict(study.places)
+    assert dict(study_of(place, STUDY).places) == {}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ("d = [0, 0, 0]", "the coordinates name the sensor 'd', which does not exist"),
+        ("a = [0, 0]", "give x, y and z of a sensor in m"),
+        ('a = [0, 0, 0, "up"]', "give x, y and z of a sensor in m"),
+        ("a = [0, 0, inf]", "give x, y and z in m"),
+        ("", "there are no coordinates of the sensors 'a': give those of all sensors, or of none"),
+    ],
+)
+def test_coordinates_that_do_not_fit_are_refused(place, wrong, words):
+    refused(place, STUDY + COORDINATES.replace("a = [0, 0, 0]", wrong), words)
 
 
 @pytest.mark.parametrize("growth", [0.3, 0.2])

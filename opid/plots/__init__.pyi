@@ -85,6 +85,7 @@ from .updating import (
     linear_updating as linear_updating,
     log_evidences as log_evidences,
     measured_backbones as measured_backbones,
+    mode_shape as mode_shape,
     parameter_samples as parameter_samples,
     predicted_backbones as predicted_backbones,
     reduction_figure as reduction_figure,

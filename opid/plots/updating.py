@@ -1,4 +1,4 @@
-"""Figures of Bayesian updating: backbones, classes, the linear structure, and posterior samples."""
+"""Figures of Bayesian updating: backbones, classes, the linear structure, its shapes, and posterior samples."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from opid.plots.style import (
     GREEN,
     GREY,
     INK,
+    PALE,
     RUN_COLORS,
     VERMILION,
     WIDTH_IN,
@@ -31,8 +32,8 @@ from opid.plots.style import (
     write_note,
 )
 from opid.signals.recording import FloatArray
-from opid.updating.measured import MeasuredBackbone
-from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
+from opid.updating.measured import MeasuredBackbone, Place
+from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, ModeShape, Updating
 from opid.updating.structure.reduction import ReductionErrors
 
 _COLUMNS = 3
@@ -414,6 +415,114 @@ def reduction_figure(errors: ReductionErrors, axes: Any = None, *, free: Reducti
 def _format_value(value: float) -> str:
     """A number of three digits, at most three of them decimals."""
     return format_minus(format_number(value, 3) if abs(value) >= 1 and value != 1 else f"{value:.3f}")
+
+
+# ---- shapes ----------------------------------------------------------------------------------------
+
+_SHAPES: dict[str, dict[str, Any]] = {
+    # the line of the measured shape is wide, so that it is seen behind that of an equal one
+    "measured": {"color": INK, "marker": "o", "linewidth": 3.6, "markersize": 9},
+    "structure": {"color": VERMILION, "marker": "s", "linewidth": 1.4, "markersize": 4.5},
+    "initial": {"color": BLUE, "marker": "^", "linewidth": 1.2, "linestyle": "--", "markersize": 5.5},
+}
+_LARGEST_MOTION = 0.2  # the largest motion of a shape is drawn as this fraction of the size of the sketch
+_AXES: dict[str, int] = {"x": 0, "y": 1, "z": 2}
+# x goes to the right and back, y to the left and back, z upwards: an isometric view from the front
+_ISOMETRIC = np.array([[np.sqrt(0.75), -np.sqrt(0.75), 0.0], [0.5, 0.5, 1.0]])
+
+
+def mode_shape(shape: ModeShape, places: Mapping[str, Place] | None = None, ax: Any = None) -> Axes:
+    """Draw the measured shape of a mode beside those of the structure: as a sketch of its sensors, or as bars.
+
+    Args:
+        shape: the shape.
+        places: where the sensors are, by their names; without them the figure has bars.
+        ax: one Axes, or None for a new figure.
+    """
+    found = {"measured": shape.measured, "structure": shape.structure, "initial": shape.initial}
+    drawn = {name: values for name, values in found.items() if values is not None}
+    words = {
+        "measured": "measured",
+        "initial": "initial",
+        "structure": "updated" if "initial" in drawn else "structure",
+    }
+    with house_style():
+        if places:
+            ax = panels(ax, 1, height_in=4.6)[0, 0]
+            _sketch_shapes(ax, shape.sensors, drawn, words, places)
+        else:
+            ax = panels(ax, 1, height_in=3.2)[0, 0]
+            position, width = np.arange(len(shape.sensors)), 0.8 / len(drawn)
+            for number, (name, values) in enumerate(drawn.items()):
+                shift = (number - 0.5 * (len(drawn) - 1)) * width
+                ax.bar(position + shift, values, width=0.92 * width, color=_SHAPES[name]["color"], label=words[name])
+            ax.axhline(0, color=INK, linewidth=0.9)
+            ax.set_xticks(position, list(shape.sensors))
+            ax.grid(False, axis="x")
+            ax.set(xlabel="sensor", ylabel="shape of unit length")
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(drawn), fontsize=8)
+    return ax
+
+
+def _sketch_shapes(
+    ax: Axes,
+    sensors: Sequence[str],
+    drawn: Mapping[str, FloatArray],
+    words: Mapping[str, str],
+    places: Mapping[str, Place],
+) -> None:
+    """Draw sensors at rest in grey, and each shape as their motion, joined from neighbour to neighbour."""
+    rest = np.array([places[sensor].position for sensor in sensors])
+    along = np.eye(3)[[_AXES[places[sensor].direction] for sensor in sensors]]
+    size = float(np.linalg.norm(np.ptp(rest, axis=0)))
+    largest = max(float(np.abs(values).max()) for values in drawn.values())
+    scale = _LARGEST_MOTION * (size or 1.0) / (largest or 1.0)
+    joined = _join_neighbours(rest)
+    _draw_lines(ax, rest, joined, color=PALE, linewidth=1.2, marker="o", markersize=3.5)
+    for name, values in drawn.items():
+        moved = rest + scale * values[:, None] * along
+        style = _SHAPES[name]
+        ends = np.stack([rest, moved], axis=1).reshape(-1, 3)
+        pairs = np.arange(len(ends)).reshape(-1, 2)
+        _draw_lines(ax, ends, pairs, color=style["color"], linewidth=0.7, alpha=0.55)
+        hollow = {"markerfacecolor": "white"} if name != "measured" else {}
+        _draw_lines(ax, moved, joined, label=words[name], **style, **hollow)
+    flat = rest @ _ISOMETRIC.T
+    for sensor, at in zip(sensors, flat, strict=True):
+        write_note(ax, sensor, (float(at[0]), float(at[1])), (4, -9), fontsize=8, color=GREY)
+    corner = rest.min(axis=0) - 0.12 * (size or 1.0)
+    for name, axis in _AXES.items():
+        tip = corner + 0.1 * (size or 1.0) * np.eye(3)[axis]
+        _draw_lines(ax, np.array([corner, tip]), np.array([[0, 1]]), color=GREY, linewidth=1.0)
+        x, y = _ISOMETRIC @ tip
+        write_note(ax, name, (float(x), float(y)), (2, 1), fontsize=8, color=GREY)
+    ax.set_aspect("equal")
+    ax.grid(False)
+    ax.set_xticks([])
+    ax.set_yticks([])
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+
+
+def _draw_lines(ax: Axes, points: FloatArray, pairs: np.ndarray, **style: Any) -> None:
+    """Draw lines between pairs of points in space, as one line with gaps."""
+    flat = points @ _ISOMETRIC.T
+    gaps = np.full((len(pairs), 1, 2), np.nan)
+    ax.plot(*np.concatenate([flat[pairs], gaps], axis=1).reshape(-1, 2).T, **style)
+
+
+def _join_neighbours(points: FloatArray) -> np.ndarray:
+    """Return the pairs of points that a tree of the shortest lines joins (Prim's algorithm)."""
+    distance = np.linalg.norm(points[:, None] - points, axis=2)
+    nearest, shortest, pairs = np.zeros(len(points), dtype=int), distance[0].copy(), []
+    left = set(range(1, len(points)))
+    while left:
+        new = min(left, key=lambda point: shortest[point])
+        left.remove(new)
+        pairs.append((nearest[new], new))
+        closer = distance[new] < shortest
+        nearest[closer], shortest[closer] = new, distance[new][closer]
+    return np.array(pairs)
 
 
 # ---- posterior samples -----------------------------------------------------------------------------

@@ -29,7 +29,7 @@ from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.report.formulas import embed_formula
 from opid.report.sketch import sketch_joints
 from opid.updating.model_class import StiffnessFactor, group_joints
-from opid.updating.result import ClassPosterior, LinearPosterior, Updating
+from opid.updating.result import ClassPosterior, LinearPosterior, ModeShape, Updating
 from opid.updating.sampling.chains import Diagnostics
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.structure.reduction import ReductionErrors
@@ -57,6 +57,7 @@ MOST_NAMED = 4  # this many modes at most are named one by one
 # titles of the parts of the page that a reader opens: they are long, and few readers need them
 _NUMBERS = "Evidence and sampling in numbers"
 _MEASURED = "What was measured of the other modes"
+_SHAPES = "Shapes of the other modes"
 _LINEAR = "More about the linear structure"
 _OTHERS = "Parameters of the other classes"
 _RUNNING = "Have the chains converged? Lines that still drift at the end ask for more samples."
@@ -409,6 +410,8 @@ def list_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figu
     modes = sorted({curve.mode for curve in result.measured})
     for mode in modes:
         yield _build_measured_figure(result, mode, is_first=mode == modes[0])
+    for number, shape in enumerate(result.mode_shapes):
+        yield _build_shape_figure(result, shape, is_first=number == 0)
     if result.linear is not None:
         yield from _list_linear_figures(result.linear, truth)
     if result.reductions:
@@ -444,6 +447,26 @@ def _build_measured_figure(result: Updating, mode: int, *, is_first: bool) -> Fi
         else "",
         lambda: plots.measured_backbones(result.measured, mode, sensors=_choose_sensors(result, mode)),
         fold="" if is_first else _MEASURED,
+    )
+
+
+def _build_shape_figure(result: Updating, shape: ModeShape, *, is_first: bool) -> Figure:
+    structure = "with its updated parameters, and as it was given" if shape.initial is not None else "as it was given"
+    sketch = (
+        " Each sensor is at its coordinates, and its motion is drawn in its direction; lines join neighbours."
+        if result.places
+        else ""
+    )
+    return Figure(
+        f"shape_mode_{shape.mode}",
+        f"Mode {shape.mode}: its shape",
+        f"Motion of the sensors at the lowest points of the backbones, mean of the curves, and of the structure "
+        f"{structure}. The scale and sign of a shape are free: those of the structure are brought nearest to the "
+        f"measured ones.{sketch}"
+        if is_first
+        else "",
+        lambda: plots.mode_shape(shape, result.places or None),
+        fold="" if is_first else _SHAPES,
     )
 
 

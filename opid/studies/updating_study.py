@@ -22,7 +22,14 @@ from opid.studies.schema import Document, collect_faults, derive_record, format_
 from opid.studies.study_file import BACKBONES
 from opid.updating.checks import backbone_faults, shortened
 from opid.updating.likelihood.noise import NoiseSettings
-from opid.updating.measured import MeasuredBackbone, read_backbone, read_result_backbones, write_backbone
+from opid.updating.measured import (
+    Direction,
+    MeasuredBackbone,
+    Place,
+    read_backbone,
+    read_result_backbones,
+    write_backbone,
+)
 from opid.updating.model_class import Family, ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import AffineStructure, find_joint_rows, name_faults
 from opid.updating.structure.matrices_file import checked_structure, write_structure
@@ -43,6 +50,11 @@ _Dof = str | int
 _Ends = Annotated[
     _Dof | tuple[_Dof, _Dof],
     "the two degrees of freedom that the joint lies between, or the one of a joint to the ground",
+]
+
+_Coordinates = Annotated[
+    tuple[float, float, float] | tuple[float, float, float, Direction],
+    'x, y and z of a sensor in m, like [0.2, 0.1, 0], and its direction if that is not z, like [0.2, 0.1, 0, "x"]',
 ]
 
 
@@ -77,6 +89,14 @@ class _Structure(_Factors):
     sensors: Annotated[tuple[_Dof, ...] | None, "a list of degrees of freedom"] = None
     internal_modes: int | None = None
     joints: Annotated[Mapping[str, _Ends] | None, 'a table of joints, each with its two ends like ["9", "10"]'] = None
+    coordinates: Annotated[
+        Mapping[str, _Coordinates], "a table of sensors, each with its coordinates like [0.2, 0.1, 0]"
+    ] = field(default_factory=dict)
+
+    @property
+    def places(self) -> dict[str, Place]:
+        """Where the sensors are."""
+        return {name: Place(each[:3], each[3] if len(each) == 4 else "z") for name, each in self.coordinates.items()}
 
     def __post_init__(self) -> None:
         ways = {"matrices": self.matrices, "modes": self.modes, "frequency_hz": self.frequency_hz}
@@ -293,6 +313,7 @@ def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
         linear_classes=_read_linear_classes(study.structure),
         noise=noise,
         source=source,
+        places=study.structure.places,
         **vars(study.settings),
     )
 
@@ -505,6 +526,7 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
                 ),
                 joints={name: ends if len(ends) == 2 else ends[0] for name, ends in structure.joints.items()},
                 priors={name: astuple(prior) for name, prior in study.parameters.items()},
+                coordinates={name: (*each.position, each.direction) for name, each in study.places.items()},
             ),
             backbones=tuple(
                 _Backbone(

@@ -9,6 +9,7 @@ from .likelihood.noise import NoiseSettings as NoiseSettings
 from .linear_updating import update_linear as update_linear
 from .measured import (
     MeasuredBackbone as MeasuredBackbone,
+    Place as Place,
     read_backbone as read_backbone,
     read_result_backbones as read_result_backbones,
     write_backbone as write_backbone,

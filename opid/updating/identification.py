@@ -113,6 +113,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         settings=_list_settings(study, data, growth),
         confusion=confusion,
         linear_classes=tuple(linear_classes) if len(linear_classes) > 1 else (),
+        places=study.places,
     )
 
 

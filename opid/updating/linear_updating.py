@@ -165,7 +165,8 @@ def _make_mode_table(
         before, after = (float(modal_assurance(each.shapes.T, shapes[each.rows, mode]).mean()) for _, shapes in found)
         identified = float(np.sqrt(each.eigenvalue).mean() / (2 * np.pi))
         initial, updated = (float(hz[mode]) for hz, _ in found)
-        table.append(LinearMode(each.mode, identified, initial, updated, before, after))
+        shape = found[0][1][each.rows, mode]
+        table.append(LinearMode(each.mode, identified, initial, updated, before, after, shape))
     return tuple(table)
 
 

@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -33,6 +33,32 @@ COMMANDS = {"opid.decay/1": "decay", "opid.resonance/1": "resonance"}
 
 # units of columns that are left out: force, voltage, current, phase, strain
 NO_MOTION = ("N", "V", "A", "rad", "1", "strain", "N*m")
+
+
+Direction = Literal["x", "y", "z"]
+DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a sensor is, and the direction of the motion that it reads.
+
+    Args:
+        position: x, y and z, m.
+        direction: "x", "y" or "z".
+
+    Raises:
+        InputError: another direction, or a position that is not three finite numbers.
+    """
+
+    position: tuple[float, float, float]
+    direction: Direction = "z"
+
+    def __post_init__(self) -> None:
+        if self.direction not in DIRECTIONS:
+            raise InputError(f"the direction is {self.direction!r}: give one of {', '.join(DIRECTIONS)}")
+        if np.shape(self.position) != (3,) or not np.isfinite(self.position).all():
+            raise InputError(f"the position is {self.position!r}: give x, y and z in m")
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
-from opid.updating.measured import MeasuredBackbone
+from opid.updating.measured import MeasuredBackbone, Place, by_mode
 from opid.updating.model_class import ClassParameter, ModelClass, StiffnessFactor
 from opid.updating.sampling.chains import Chain, Diagnostics
 from opid.updating.sampling.evidence import Evidence
@@ -82,7 +82,27 @@ def _scale_estimate(estimate: Estimate, scale: float) -> Estimate:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class ModeShape:
+    """The shape of a mode at its sensors as it was measured, and those of the structure, scaled to it.
+
+    Args:
+        mode: number of the mode, from 1.
+        sensors: names of the sensors.
+        measured: (n_sensors,) mean over the curves of the shapes of unit length at their lowest points.
+        structure: (n_sensors,) shape of the structure that the classes were compared with, that is with the updated
+            parameters where there are any; its scale is that with the least difference from the measured one.
+        initial: (n_sensors,) likewise, with the parameters as they were given; None where none was updated.
+    """
+
+    mode: int
+    sensors: tuple[str, ...]
+    measured: FloatArray
+    structure: FloatArray
+    initial: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class LinearMode:
     """A mode before and after linear updating (Song Table 2).
 
@@ -93,6 +113,7 @@ class LinearMode:
         updated_hz: frequency with the updated parameters.
         initial_mac: MAC of the nominal shape with the measured ones, mean over the tests.
         updated_mac: MAC of the updated shape with the measured ones, mean over the tests.
+        initial_shape: (n_sensors,) shape of the nominal structure at the sensors of the tests.
     """
 
     mode: int
@@ -101,6 +122,7 @@ class LinearMode:
     updated_hz: float
     initial_mac: float
     updated_mac: float
+    initial_shape: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +234,7 @@ class Updating(Result):
         linear_classes: posteriors of all classes of linear parameters, where there are several.
         reductions: differences of the reduced structure from the whole one, those of the reduction in use first; empty
             where the structure was not reduced or the comparison was not made.
+        places: where the sensors are, by their names; empty where the study does not say it.
     """
 
     title: str
@@ -228,6 +251,26 @@ class Updating(Result):
     reductions: tuple[ReductionErrors, ...] = ()
     confusion: Confusion | None = None
     linear_classes: tuple[LinearPosterior, ...] = ()
+    places: Mapping[str, Place] = field(default_factory=dict)
+
+    @property
+    def mode_shapes(self) -> tuple[ModeShape, ...]:
+        """The shape of each measured mode that at least two sensors saw, beside those of the structure."""
+        initial = {} if self.linear is None else {each.mode: each.initial_shape for each in self.linear.modes}
+        found = []
+        for mode, curves in by_mode(self.measured).items():
+            sensors = curves[0].sensors
+            if len(sensors) < 2 or mode > self.system.n_modes:
+                continue
+            lowest = np.array([curve.amplitude[0] for curve in curves])
+            shapes = lowest / np.linalg.norm(lowest, axis=1, keepdims=True)
+            # The sign of a shape is arbitrary, but that of all sensors together.
+            measured = (shapes * np.sign(shapes @ shapes[0])[:, None]).mean(axis=0)
+            rows = [self.system.sensor(sensor) for sensor in sensors]
+            structure = self.system.at_sensors[rows, self.system.index(mode)]
+            before = _scale_shape(initial[mode], measured) if mode in initial else None
+            found.append(ModeShape(mode, sensors, measured, _scale_shape(structure, measured), before))
+        return tuple(found)
 
     @property
     def all_warnings(self) -> list[str]:
@@ -295,6 +338,7 @@ class Updating(Result):
                 "classes": [_convert_class(each) for each in self.classes],
                 "linear": None if self.linear is None else _convert_linear(self.linear),
                 "linear_classes": [_convert_linear(each) for each in self.linear_classes],
+                "shapes": [asdict(shape) for shape in self.mode_shapes],
                 "system": {name: getattr(self.system, name) for name in ("frequency_hz", "sensors", "joints")},
                 "reduction": reduction,
                 "reduction_free": free,
@@ -307,6 +351,12 @@ class Updating(Result):
     def _write_headline(self) -> str:
         best = f"best: {self.best_class}" if self.best_class else "no class"
         return f"{self.title or 'without a title'} ({len(self.classes)} classes, {best})"
+
+
+def _scale_shape(shape: FloatArray, like: FloatArray) -> FloatArray:
+    """Return a shape with the scale and sign that bring it nearest to another one."""
+    size = float(shape @ shape)
+    return shape * (float(shape @ like) / size if size > 0 else 0.0)
 
 
 def _convert_class(posterior: ClassPosterior) -> dict[str, Any]:
@@ -330,6 +380,11 @@ def _convert_class(posterior: ClassPosterior) -> dict[str, Any]:
     }
 
 
+def _convert_mode(mode: LinearMode) -> dict[str, Any]:
+    """Return a mode without its shape, which stands among the shapes of the result."""
+    return {name: value for name, value in asdict(mode).items() if name != "initial_shape"}
+
+
 def _convert_linear(linear: LinearPosterior) -> dict[str, Any]:
     return {
         "name": linear.name,
@@ -337,7 +392,7 @@ def _convert_linear(linear: LinearPosterior) -> dict[str, Any]:
         "parameters": {name: _convert_estimate(estimate) for name, estimate in linear.estimates.items()},
         "best": linear.factors,
         "covariance": linear.covariance,
-        "modes": [asdict(mode) for mode in linear.modes],
+        "modes": [_convert_mode(mode) for mode in linear.modes],
         "diagnostics": asdict(linear.diagnostics),
         "warnings": linear.warnings,
     }

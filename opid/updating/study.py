@@ -18,7 +18,7 @@ from opid.result import first_lines
 from opid.updating.checks import mode_faults, sensor_faults, shortened
 from opid.updating.likelihood.backbones import FORMS, Form, coefficient_of_variation, scatter_fault
 from opid.updating.likelihood.noise import NoiseSettings
-from opid.updating.measured import MeasuredBackbone, by_mode
+from opid.updating.measured import MeasuredBackbone, Place, by_mode
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
@@ -91,6 +91,7 @@ class UpdatingStudy(UpdatingSettings):
         linear_classes: sets of these factors by a name, of which phase I chooses one by its evidence; a factor that a
             set leaves out stays at 1. All factors are updated where there is no set.
         noise: settings for the errors of the backbones.
+        places: where the sensors are, by their names, for the figures of shapes; all of them, or none.
         source: the study file, if there is one.
 
     Raises:
@@ -105,11 +106,13 @@ class UpdatingStudy(UpdatingSettings):
     linear_classes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     source: Path | None = None
+    places: Mapping[str, Place] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("backbones", "classes", "harmonics"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
+        for name in ("parameters", "places"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         sets = {name: tuple(factors) for name, factors in self.linear_classes.items()}
         object.__setattr__(self, "linear_classes", MappingProxyType(sets))
         refuse(list(_find_faults(self)), self.source)
@@ -172,6 +175,7 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
             subject = several or f"backbone {names[0]!r} has"
             yield f"{subject} the sensors {', '.join(unknown)}, which the structure does not have"
     yield from sensor_faults(study.backbones)
+    yield from _find_place_faults(study)
     if isinstance(study.structure, JointedModes):
         yield from mode_faults(study.structure, study.backbones)
     for name, prior in study.parameters.items():
@@ -181,6 +185,17 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
     if not study.setting_faults:  # a wrong list of harmonics is among these
         yield from _find_harmonic_faults(study)
     yield from _find_scatter_faults(study)
+
+
+def _find_place_faults(study: UpdatingStudy) -> Iterator[str]:
+    """Yield which places are those of no sensor, and which sensors have none though others have."""
+    sensors = study.structure.sensors
+    for name in study.places:
+        if name not in sensors:
+            yield f"the coordinates name the sensor {name!r}, which does not exist: {nearest(name, sensors)}"
+    missing = [name for name in sensors if name not in study.places]
+    if study.places and missing:
+        yield f"there are no coordinates of the sensors {shortened(missing)}: give those of all sensors, or of none"
 
 
 def _find_harmonic_faults(study: UpdatingStudy) -> Iterator[str]:

@@ -105,8 +105,11 @@ def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Seque
     first = next(number for number, each in enumerate(panels, start=1) if each in shared.get_siblings(ax))
     if letter == "x" and panel.has_dates:
         found["days"] = True
-    if letter == "y" and ax.get_aspect() == 1.0:
-        found |= {"scaleanchor": panel.x, "constrain": "domain"}
+    if ax.get_aspect() == 1.0:
+        # The panel becomes narrower or lower, and shows as much as the figure.
+        found |= {"constrain": "domain"} | ({"scaleanchor": panel.x} if letter == "y" else {})
+    if not ax.spines["bottom" if letter == "x" else "left"].get_visible():
+        found["showline"] = False
     if panels[first - 1] is not ax:
         found["matches"] = letter + ("" if first == 1 else str(first))
     locator, formatter = axis.get_major_locator(), axis.get_major_formatter()
@@ -116,7 +119,9 @@ def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Seque
         found["showticklabels"] = False
     # the page cannot be told to have whole numbers at an axis: these remain at any zoom
     counts = isinstance(locator, ticker.MaxNLocator) and getattr(locator, "_integer", False)
-    if isinstance(locator, ticker.FixedLocator) or counts:
+    if isinstance(locator, ticker.FixedLocator) and not len(locator()):
+        found |= {"showticklabels": False, "ticks": ""}
+    elif isinstance(locator, ticker.FixedLocator) or counts:
         found["tickvals"] = [float(each) for each in locator()]
         found["ticktext"] = _color_labels(axis, formatter.format_ticks(locator()))
     elif is_log:
