@@ -1,4 +1,6 @@
 import gzip
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -103,6 +105,23 @@ def test_harwell_boeing_whole_or_as_one_triangle_with_either_exponent(tmp_path, 
     (tmp_path / "cut.hb").write_text(text[:100])
     with pytest.raises(InputError, match=r"cut[.]hb cannot be read"):
         read_structure(files | {"part_E": tmp_path / "cut.hb"}, **given)
+
+
+@pytest.mark.parametrize("triangle", [np.triu, np.tril, np.array])
+def test_the_code_of_the_page_makes_matrices_of_text_with_a_triangle(tmp_path, truth, monkeypatch, triangle):
+    page = (Path(__file__).parent.parent / "docs" / "bayesian_updating.md").read_text(encoding="utf-8")
+    (code,) = [block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "read_triangle" in block]
+    for name, matrix in (("nominal.sti", SOFT + PART), ("stiffer.sti", SOFT + 1.1 * PART), ("nominal.mas", MASS)):
+        found = sparse.coo_matrix(triangle(matrix))
+        entries = zip(found.row + 1, found.col + 1, found.data, strict=True)
+        (tmp_path / name).write_text("".join(f"{row} {column} {value:20.13e}\n" for row, column, value in entries))
+    monkeypatch.chdir(tmp_path)
+    exec(code, {})
+    files = {"mass": "mass.mtx", "stiffness": "stiffness.mtx", "part_E": "part_E.mtx"}
+    read = read_structure(files, sensors=SENSORS, joints={"link": ["2 UX", "5 UX"]}, dofs=list(DOFS))
+    for name in ("mass", "stiffness"):
+        assert abs(getattr(read, name) - getattr(truth, name)).max() < 1e-9 * abs(truth.parts["E"]).max()
+    assert abs(read.parts["E"] - truth.parts["E"]).max() < 1e-9 * abs(truth.parts["E"]).max()
 
 
 @pytest.mark.parametrize(
