@@ -369,7 +369,7 @@ def test_lowest_points_that_are_nonlinear_are_told():
         ([curve(1, 3.0, [1, 1])], {"cov": 0.0}, "cov of mode 1 is 0.0: give a positive number"),
         ([curve(1, 3.0, [1, 1])], {"cov": {3: 0.1}}, "cov names mode 3, which has no backbone"),
         ([curve(1, 3.0, [1, 1])], {"cov": "guess"}, "cov is 'guess'"),
-        ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "weight": -1.0}, "weight is -1.0: give a positive number"),
+        ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "weight": -1.0}, "weight of mode 1 is -1.0: give a positive number"),
         ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "common_error": -0.1}, "common_error is -0.1: give 0 or more"),
         ([curve(1, 3.0, [1, 1])], {"cov": {1: "guess"}}, "cov is 'guess': give 'scatter', 'inferred' or a number"),
         ([curve(1, 3.0, [1, 1])], {"cov": 0.1, "shape_std": {2: 0.1}}, "shape_std names mode 2, which has no backbone"),
