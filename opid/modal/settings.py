@@ -66,7 +66,8 @@ class ModalThresholds:
     # condition number of the scaled columns beyond which the tests cannot distinguish the powers
     most_column_condition: float = 1e6
     parsimony: float = 0.01  # fraction of the error that a further power must save on tests that were left out
-    n_blocks: int = 5  # parts of a band that are left out in turn where there are fewer than three tests
+    # parts of a band, or stretches of a decay, that are left out in turn; tests are instead where there are three
+    n_blocks: int = 5
     # range of the modal mass that tests may show; outside it, shapes or force have another unit
     mass_range: tuple[float, float] = (0.5, 2.0)
     # Gauss-Newton steps for a delay of the accelerations: three are usual, and what takes more has another cause
@@ -191,6 +192,9 @@ class ModalThresholds:
     # apart: differences of the slow flow have errors of 1e-8
     least_shown: float = 3e-7
     drift_error: float = 0.1  # relative error of the drift of the frequency, which is taken from a smooth curve
+    # probability that noise alone gives the misfit of a decay from which on its law has a model error: chance then adds
+    # one in a thousand decays
+    chance_misfit: float = 1e-3
     most_misfit: float = 3.0  # largest misfit of a law without a warning, in standard deviations of the noise
     # rms of the residual over the record, above which the first quarter of a decay is left out
     most_residual: float = 0.5

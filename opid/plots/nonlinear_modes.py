@@ -430,11 +430,17 @@ def free_decay_figure(decay: Decay, axes: Any = None, *, law: DecayLaw | None = 
     with house_style():
         grid = panels(axes, 1, 3, height_in=3.0, width_in=9.0)
         _draw_record(grid[0, 0], decay)
-        for ax, name, std, low, scale, label in (
-            (grid[0, 1], "frequency_hz", decay.frequency_std_hz, shown.frequency_low_hz, 1, "natural frequency [Hz]"),
-            (grid[0, 2], "damping_ratio", decay.damping_std, shown.damping_low, 100, "damping ratio [%]"),
+        of_law = (None, None)
+        if law is not None:
+            of_law = ((law.frequency_hz, law.frequency_std_hz), (law.damping_ratio, law.damping_std))
+        for ax, name, std, low, scale, label, curve in (
+            (
+                *(grid[0, 1], "frequency_hz", decay.frequency_std_hz, shown.frequency_low_hz, 1),
+                *("natural frequency [Hz]", of_law[0]),
+            ),
+            (grid[0, 2], "damping_ratio", decay.damping_std, shown.damping_low, 100, "damping ratio [%]", of_law[1]),
         ):
-            over = None if law is None else (factor * law.amplitude, scale * getattr(law, name))
+            over = None if curve is None or law is None else (factor * law.amplitude, *(scale * x for x in curve))
             lowest = None if low.value is None else scale * low.value
             _draw_over_amplitude(ax, factor * decay.amplitude, scale * getattr(decay, name), scale * std, lowest, over)
             ax.set(xlabel=f"amplitude [{unit}]", ylabel=label)
@@ -458,7 +464,7 @@ def _draw_over_amplitude(
     values: np.ndarray,
     std: np.ndarray,
     low: float | None,
-    law: tuple[np.ndarray, np.ndarray] | None,
+    law: tuple[np.ndarray, np.ndarray, np.ndarray] | None,
 ) -> None:
     """Draw the measured values with their band, the law, and its limit; the heights suit the well-known values."""
     known = _find_known(values, std)
@@ -467,7 +473,9 @@ def _draw_over_amplitude(
     ax.plot(amplitude, values, color=VERMILION, linewidth=0.7, alpha=0.4)
     ax.plot(amplitude, np.where(known, values, np.nan), color=VERMILION, linewidth=1.6, label="measured")
     if law is not None:
-        ax.plot(*law, color=INK, linewidth=1.0, label="law")
+        at, curve, law_std = law
+        ax.fill_between(at, curve - 1.96 * law_std, curve + 1.96 * law_std, color=GREY, alpha=0.35, linewidth=0)
+        ax.plot(at, curve, color=INK, linewidth=1.0, label="law")
     ends = [*below[known], *above[known]]
     if low is not None:
         ends.append(low)

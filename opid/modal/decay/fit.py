@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import stats
 
 from opid.errors import InputError, NotDeterminedError
 from opid.estimate import Estimate
@@ -23,7 +24,7 @@ from opid.modal.decay.law_search import LawForm, Linearisation, score_misfit, se
 from opid.modal.decay.repeats import pool_repeats
 from opid.modal.decay.slow_flow import CloseModes, Flow, fit_close_modes, predict_decay, solve_slow_flow
 from opid.modal.decay.track import Track
-from opid.modal.forced.restoring_fit import sum_lagged_products
+from opid.modal.forced.restoring_fit import find_jackknife, sum_lagged_products
 from opid.modal.joint_terms import ModalJoint, joint_rows, make_joint
 from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_law
 from opid.modal.settings import MODAL
@@ -34,6 +35,11 @@ AT_EDGE = (
     "the best law lies at the edge of those that decay over all amplitudes of the record, where nothing tells how well "
     "its coefficients are known: lower the orders, or give another stretch"
 )
+UNTOLD = (
+    "the law misses the decay beyond its noise and cannot be fitted without a stretch of it, so that no interval is "
+    "given: record with less noise, or lower the orders"
+)
+CURVE_STEP = 1e-5  # step of a coefficient, in the units of a fit, by which the slopes of the curves are found
 IMPOSSIBLE = 1e8  # error of a law that does not vibrate or does not decay over all the record, standard deviations
 
 
@@ -59,12 +65,15 @@ class DecayLaw:
         slip: R of an Iwan joint, force per unit mass (or modal force) over displacement^(2 + chi); empty without one.
         slip_exponent: chi of that joint; empty without one.
         frequency_low_hz: natural frequency at zero amplitude, Hz; empty where the decays do not reach so far.
-        damping_low: damping ratio at zero amplitude; empty likewise, and with dry friction, where it grows without end.
+        damping_low: damping ratio at zero amplitude; empty likewise, with dry friction, where it grows without end,
+            and where the law is of another kind than the true one.
         frequency_scatter_hz: standard deviation of that frequency between repeats, Hz; 0 for one decay.
         damping_scatter: standard deviation of the damping ratio between repeats; 0 for one decay.
         amplitude: (n,) displacement amplitudes within those of the decays.
         frequency_hz: (n,) natural frequency at these amplitudes, Hz.
         damping_ratio: (n,) damping ratio at these amplitudes.
+        frequency_std_hz: (n,) standard deviation of that frequency, Hz; nan where the law has no interval.
+        damping_std: (n,) standard deviation of that damping ratio, likewise.
         covariance: covariance of k0, k_2 ..., c0, c_2 ..., F, R, chi in this order.
         misfit: rms error of amplitude and phase over its standard deviation; noise alone gives 1.
         phase_error: rms error of phase, rad, and of relative amplitude.
@@ -85,6 +94,8 @@ class DecayLaw:
     amplitude: FloatArray
     frequency_hz: FloatArray
     damping_ratio: FloatArray
+    frequency_std_hz: FloatArray
+    damping_std: FloatArray
     covariance: FloatArray
     misfit: float
     phase_error: float
@@ -129,7 +140,8 @@ class DecayLaw:
             "joint": self.joint_json(),
             "frequency_low_hz": asdict(self.frequency_low_hz),
             "damping_low": asdict(self.damping_low),
-            **{name: getattr(self, name) for name in ("amplitude", "frequency_hz", "damping_ratio", "misfit")},
+            **{name: getattr(self, name) for name in ("amplitude", "frequency_hz", "damping_ratio")},
+            **{name: getattr(self, name) for name in ("frequency_std_hz", "damping_std", "misfit")},
             "warnings": self.warnings,
         }
 
@@ -210,8 +222,10 @@ def fit_decays(
         _refuse_close_modes(problem, close, None)
         raise
     is_rival = _refuse_close_modes(problem, close, fitted.best)
-    law = _describe_law(problem, _doubt_without_friction(problem, fitted) if friction is None else fitted)
-    return _withhold_for_rival(law, close[0].scaled(rate)) if is_rival else law
+    fitted = _doubt_without_friction(problem, fitted) if friction is None else fitted
+    if is_rival:
+        return _withhold_for_rival(_describe_law(problem, fitted), close[0].scaled(rate))
+    return _describe_law(problem, _add_model_error(problem, fitted))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +242,12 @@ class _Problem:
     def n_data(self) -> int:
         """The number of amplitudes and phases."""
         return 2 * sum(each.time.size for each in self.decays)
+
+    def find_unexplained(self, fit: _Fit) -> float:
+        """Return the fraction of the squared misfit of a form that noise does not explain, 0 where it may."""
+        freedom = max(self.n_data - (fit.form.size + 2) * fit.repeats, 1)
+        explained = float(stats.chi2.ppf(1.0 - MODAL.chance_misfit, freedom)) / freedom
+        return max(0.0, 1.0 - explained / max(fit.misfit**2, explained))
 
     def search_forms(self, friction: bool | None, memory: bool | None) -> list[tuple[LawForm, FloatArray]]:
         """Return forms of the orders that are asked for, with or without a joint, as `search_forms` does."""
@@ -307,6 +327,51 @@ def _doubt_without_friction(problem: _Problem, fitted: _Fitted) -> _Fitted:
     )
 
 
+def _add_model_error(problem: _Problem, fitted: _Fitted) -> _Fitted:
+    """Return a law that misses the decays beyond noise with intervals that hold what it misses.
+
+    A true law is the same in each stretch of a decay. So each stretch is left out in turn, and the scatter of the
+    answers counts as far as noise does not explain the misfit. So does what the law misses of the measured curves.
+    """
+    part = problem.find_unexplained(fitted.best)
+    if not part or fitted.best.is_at_edge:
+        return fitted
+    fits = [
+        (_fit_without_stretches(problem, fit) if weight or fit is fitted.best else fit, weight)
+        for fit, weight in fitted.fits
+    ]
+    if fits[0][0].is_untold:
+        return replace(fitted, warnings=(*fitted.warnings, UNTOLD), is_untold=True)
+    told = (
+        f"the law misses amplitude and phase by {fitted.best.misfit:.2g} standard deviations of their noise: all "
+        "intervals hold what changes where a stretch of the decay is left out, and how far the curves of the law are "
+        "from the measured ones"
+    )
+    fitted = replace(fitted, part=part)
+    if fitted.is_another_kind:
+        told += "; the damping at zero amplitude, to which only a law leads, is not told"
+    fits = [(fit, weight) for fit, weight in fits if not fit.is_untold]
+    return replace(fitted, fits=fits, warnings=(*fitted.warnings, told))
+
+
+def _fit_without_stretches(problem: _Problem, fit: _Fit) -> _Fit:
+    """Return a form with its fits to the decays without one of some stretches, and their scatter in its covariance."""
+    part = problem.find_unexplained(fit)
+    if not part:
+        return fit
+    without = []
+    for number in range(MODAL.n_blocks):
+        decays = [each.leave_out(number) for each in problem.decays]
+        logs = np.concatenate([each.log_amplitude for each in decays])
+        try:
+            vector = _fit_form(replace(problem, decays=decays), fit.form, fit.vector).vector
+        except (NotDeterminedError, np.linalg.LinAlgError):
+            return replace(fit, is_untold=True)
+        without.append(_Without(vector, float(logs.min()), float(logs.max())))
+    steps = np.array([each.vector for each in without]) - fit.vector
+    return replace(fit, model_error=part * find_jackknife(steps), part=part, without=tuple(without))
+
+
 def _find_close_modes(decays: Sequence[_ScaledTrack]) -> list[CloseModes]:
     """Return the two linear modes that explain each decay; none where they do not."""
     found = [
@@ -352,20 +417,26 @@ def _refuse_close_modes(problem: _Problem, close: Sequence[CloseModes], best: _F
 def _withhold_for_rival(law: DecayLaw, close: CloseModes) -> DecayLaw:
     """Return a law without intervals, because two close modes explain the decays as well."""
     low, high = close.frequency_hz
+    told = (
+        f"the decay is too short to tell this law from two linear modes at {low:.6g} and {high:.6g} Hz, so that no "
+        "interval is given: add decays of other heights from other places, or separate the modes with several sensors "
+        "(a modal filter)"
+    )
+    return replace(_withhold_intervals(law), warnings=(*law.warnings, told), close_modes=close)
+
+
+def _withhold_intervals(law: DecayLaw) -> DecayLaw:
+    """Return a law without intervals."""
     names = ("friction", "slip", "slip_exponent", "frequency_low_hz", "damping_low")
     bare = {name: getattr(law, name).without_interval() for name in names}
+    unknown = np.full(law.amplitude.size, np.nan)
     return replace(
         law,
         stiffness={power: each.without_interval() for power, each in law.stiffness.items()},
         damping={power: each.without_interval() for power, each in law.damping.items()},
+        frequency_std_hz=unknown,
+        damping_std=unknown,
         **bare,
-        warnings=(
-            *law.warnings,
-            f"the decay is too short to tell this law from two linear modes at {low:.6g} and {high:.6g} Hz, so that no "
-            "interval is given: add decays of other heights from other places, or separate the modes with several "
-            "sensors (a modal filter)",
-        ),
-        close_modes=close,
     )
 
 
@@ -385,6 +456,16 @@ class _ScaledTrack:
         logs = np.log(track.amplitude / (length * rate**derivative))
         time, root = (track.time_s - track.time_s[0]) * rate, np.asarray(np.linalg.cholesky(noise), dtype=np.float64)
         return cls(time, logs, track.phase - track.phase[0], root)
+
+    def leave_out(self, number: int) -> _ScaledTrack:
+        """Return the track without the windows of one of `n_blocks` stretches, by its number from 0."""
+        n = self.time.size
+        kept = np.arange(n) * MODAL.n_blocks // n != number
+        both = np.concatenate([kept, kept])
+        covariance = (self.root @ self.root.T)[np.ix_(both, both)]
+        time, phase = self.time[kept], self.phase[kept]
+        root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+        return _ScaledTrack(time - time[0], self.log_amplitude[kept], phase - phase[0], root)
 
     def errors(self, flow: Flow, start: float, shift: float, derivative: int) -> FloatArray | None:
         """Return the (2n,) errors of log-amplitude and phase of a law over their standard deviation."""
@@ -427,8 +508,21 @@ class _Units:
 
 
 @dataclass(frozen=True, eq=False)
+class _Without:
+    """Coefficients that were fitted without a stretch of the decays, and the range of logarithms that was left."""
+
+    vector: FloatArray
+    log_low: float
+    log_high: float
+
+
+@dataclass(frozen=True, eq=False)
 class _Fit:
-    """A form that was fitted: its coefficients, their covariance and scatter, and how well the decays follow it."""
+    """A form that was fitted: its coefficients, their covariance and scatter, and how well the decays follow it.
+
+    Where noise does not explain the `part` of its squared misfit, the `model_error` is what `without` stretches of the
+    decays adds to the covariance; `is_untold` where one of these fits failed.
+    """
 
     form: LawForm
     vector: FloatArray
@@ -439,6 +533,15 @@ class _Fit:
     squares: float
     repeats: int
     repeat_misfit: float
+    model_error: FloatArray
+    part: float = 0.0
+    without: tuple[_Without, ...] = ()
+    is_untold: bool = False
+
+    @property
+    def whole_covariance(self) -> FloatArray:
+        """The covariance with the model error."""
+        return self.covariance + self.model_error
 
     @property
     def places(self) -> tuple[int, int]:
@@ -452,7 +555,7 @@ class _Fit:
         slopes = np.zeros((4, self.vector.size))
         slopes[:, self.places[0]] = 1.0, 0.0, 0.5 / root, -0.25 * c0 / k0**1.5
         slopes[:, self.places[1]] = 0.0, 1.0, 0.0, 0.5 / root
-        return np.array([k0, c0, root, 0.5 * c0 / root]), slopes @ self.covariance @ slopes.T
+        return np.array([k0, c0, root, 0.5 * c0 / root]), slopes @ self.whole_covariance @ slopes.T
 
     @property
     def is_at_edge(self) -> bool:
@@ -478,11 +581,26 @@ class _Tried:
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """Forms with their weights, the chosen one first, and whether its damping at zero amplitude is to be doubted."""
+    """Forms with their weights, the chosen one first, and what is to be doubted.
+
+    Args:
+        fits: the forms and their weights.
+        is_doubted: whether the damping at zero amplitude of the chosen form is to be doubted.
+        warnings: one sentence for each warning.
+        part: fraction of the squared misfit that noise does not explain.
+        is_untold: whether nothing tells how far the law is from the true one.
+    """
 
     fits: Sequence[tuple[_Fit, float]]
     is_doubted: bool
     warnings: tuple[str, ...]
+    part: float = 0.0
+    is_untold: bool = False
+
+    @property
+    def is_another_kind(self) -> bool:
+        """Whether the law misses the decays by so much that it is of another kind than the true one."""
+        return bool(self.part) and self.best.misfit > MODAL.most_misfit
 
     @property
     def best(self) -> _Fit:
@@ -551,6 +669,7 @@ def _fit_form(problem: _Problem, form: LawForm, guess: FloatArray) -> _Fit:
         squares=squares,
         repeats=len(decays),
         repeat_misfit=repeat_misfit,
+        model_error=np.zeros((p, p)),
     )
 
 
@@ -611,48 +730,135 @@ def _span(decays: Sequence[_ScaledTrack]) -> tuple[float, float]:
 
 def _describe_law(problem: _Problem, fitted: _Fitted) -> DecayLaw:
     """Return the best fit in SI units; what its rivals say otherwise widens the intervals."""
-    best, decays, units, lowest = fitted.best, problem.decays, problem.units, float(problem.seen.level.min())
-    k, c, joint = best.form.split(best.vector)
-    flow = solve_slow_flow(k, c, *_span(decays), joint)
-    if flow is None:
-        raise NotDeterminedError("no law of these orders decays over all amplitudes of the decays: lower the orders")
+    best, units, lowest = fitted.best, problem.units, float(problem.seen.level.min())
+    curves = _find_law_curves(problem, fitted)
     low, spread = best.find_low()
-    few = _widen_few_windows(sum(each.log_amplitude.size for each in decays), best.form.size)
-    low_std = few * _widen(fitted.fits, low)
+    few = _widen_few_windows(sum(each.log_amplitude.size for each in problem.decays), best.form.size)
+    low_std = np.hypot(few * _widen(fitted.fits, low), curves.find_missed_low(low[2]))
     wider = np.full(best.vector.size, few)
     wider[list(best.places)] = low_std[:2] / np.sqrt(np.maximum(np.diag(spread)[:2], 1e-300))
     factors = units.find_factors(best.form, best.vector)
     by_gain = units.find_gain_error(best.form, best.vector)
-    covariance = (best.covariance * np.outer(wider, wider) + np.outer(by_gain, by_gain)) * np.outer(factors, factors)
+    covariance = best.whole_covariance * np.outer(wider, wider) + np.outer(by_gain, by_gain)
+    covariance = covariance * np.outer(factors, factors)
     n_k = best.form.stiffness_order
     stiffness, damping, (friction, slip, exponent) = _estimate_coefficients(
         fitted, factors, covariance, few, units.gain_std
     )
     # Slip falls as a power of the amplitude below 1, and is far from gone at the smallest one that was seen.
     reaches = lowest <= MODAL.reaches_zero and not best.form.has_memory
-    has_ratio = reaches and not (best.form.has_friction or best.is_active or fitted.is_doubted)
+    has_no_ratio = best.form.has_friction or best.is_active or fitted.is_doubted or fitted.is_another_kind
     scale_hz = units.rate / (2.0 * np.pi)
-    seen = flow.log_amplitude + units.derivative * np.log(flow.natural)
-    logs = np.concatenate([each.log_amplitude for each in decays])
-    measured = (seen >= logs.min()) & (seen <= logs.max())
-    return DecayLaw(
+    law = DecayLaw(
         stiffness=dict(enumerate(stiffness, start=1)),
         damping=dict(enumerate(damping, start=1)),
         friction=friction,
         slip=slip,
         slip_exponent=exponent,
         frequency_low_hz=_estimate(low[2] * scale_hz, low_std[2] * scale_hz, best.repeats) if reaches else Estimate(),
-        damping_low=_estimate(low[3], low_std[3], best.repeats) if has_ratio else Estimate(),
+        damping_low=_estimate(low[3], low_std[3], best.repeats) if reaches and not has_no_ratio else Estimate(),
         frequency_scatter_hz=float(0.5 * best.scatter[0] / low[2] * scale_hz),
         damping_scatter=float(0.5 * best.scatter[n_k] / low[2]),
-        amplitude=np.exp(flow.log_amplitude[measured]) * units.length,
-        frequency_hz=flow.natural[measured] * scale_hz,
-        damping_ratio=(flow.damping / (2.0 * flow.natural))[measured],
+        amplitude=curves.level * units.length,
+        frequency_hz=curves.natural * scale_hz,
+        damping_ratio=curves.damping / (2.0 * curves.natural),
+        frequency_std_hz=curves.natural_std * scale_hz,
+        damping_std=curves.damping_std / (2.0 * curves.natural),
         covariance=covariance,
         misfit=best.misfit,
         phase_error=best.phase_error,
         warnings=(*_warn_of_law(best, lowest), *fitted.warnings),
     )
+    return _withhold_intervals(law) if fitted.is_untold else law
+
+
+@dataclass(frozen=True, eq=False)
+class _LawCurves:
+    """Natural frequency and damping of a law over the amplitude, in the units of the fit, (n,) each.
+
+    `missed` holds what the law misses of frequency and of damping at the smallest amplitudes that were measured.
+    """
+
+    level: FloatArray
+    natural: FloatArray
+    natural_std: FloatArray
+    damping: FloatArray
+    damping_std: FloatArray
+    missed: tuple[float, float]
+
+    def find_missed_low(self, root: float) -> FloatArray:
+        """Return what is missed of k0, c0, root of k0 and damping ratio, (4,), as in `_Fit.find_low`."""
+        natural, damping = self.missed
+        return np.array([2.0 * root * natural, damping, natural, 0.5 * damping / root])
+
+
+def _find_law_curves(problem: _Problem, fitted: _Fitted) -> _LawCurves:
+    """Return the curves of the best fit over the amplitudes of the decays, with their standard deviations."""
+    best, units, seen = fitted.best, problem.units, problem.seen
+    flow = _solve_flow(problem, best.form, best.vector)
+    if flow is None:
+        raise NotDeterminedError("no law of these orders decays over all amplitudes of the decays: lower the orders")
+    shown = flow.log_amplitude + units.derivative * np.log(flow.natural)
+    logs = np.concatenate([each.log_amplitude for each in problem.decays])
+    inside = (shown >= logs.min()) & (shown <= logs.max())
+    few = _widen_few_windows(logs.size, best.form.size)
+    variance = np.zeros((2, flow.natural.size))
+    for fit, weight in fitted.fits:
+        variance += few**2 * weight * _find_curve_variance(problem, fit, flow)
+    at, order = flow.log_amplitude[inside], np.argsort(seen.level)
+    logs_seen, missed = np.log(seen.level[order]), []
+    for values, measured, std in (
+        (flow.natural, np.sqrt(seen.square), 0.5 * seen.square_std / np.sqrt(seen.square)),
+        (flow.damping, seen.damping, seen.damping_std),
+    ):
+        off = measured[order] - np.interp(logs_seen, flow.log_amplitude, values)
+        squares = np.maximum(off**2 - std[order] ** 2, 0.0)
+        # The mean of three windows is taken, for a curve that crosses the true one misses nothing there.
+        near = np.array([np.mean(squares[max(0, k - 1) : k + 2]) for k in range(squares.size)])
+        missed.append(np.sqrt(fitted.part * near))
+    stds = [
+        np.sqrt(own[inside] + np.interp(at, logs_seen, each) ** 2) for own, each in zip(variance, missed, strict=True)
+    ]
+    return _LawCurves(
+        level=np.exp(at),
+        natural=flow.natural[inside],
+        natural_std=stds[0],
+        damping=flow.damping[inside],
+        damping_std=stds[1],
+        missed=(float(missed[0][0]), float(missed[1][0])),
+    )
+
+
+def _solve_flow(problem: _Problem, form: LawForm, vector: FloatArray) -> Flow | None:
+    """Return the slow flow of a form over the amplitudes of all decays; None if it does not vibrate or decay."""
+    k, c, joint = form.split(vector)
+    return solve_slow_flow(k, c, *_span(problem.decays), joint)
+
+
+def _find_curve_variance(problem: _Problem, fit: _Fit, about: Flow) -> FloatArray:
+    """Return the variances of natural frequency and damping of a form about the curves of the best one, (2, n)."""
+    own = _solve_flow(problem, fit.form, fit.vector)
+    if own is None:
+        return np.full((2, about.natural.size), np.nan)
+    slopes = []
+    for step in CURVE_STEP * np.eye(fit.vector.size):
+        other = _solve_flow(problem, fit.form, fit.vector + step) or own
+        slopes.append(np.stack([other.natural - own.natural, other.damping - own.damping]) / CURVE_STEP)
+    by_gain = problem.units.find_gain_error(fit.form, fit.vector)
+    covariance = fit.covariance + np.outer(by_gain, by_gain)
+    off = np.stack([own.natural - about.natural, own.damping - about.damping])
+    variance = np.einsum("jcn,jk,kcn->cn", slopes, covariance, slopes) + off**2
+    if not fit.without:
+        return np.asarray(variance, dtype=np.float64)
+    shown = own.log_amplitude + problem.units.derivative * np.log(own.natural)
+    steps = []
+    for each in fit.without:
+        other = _solve_flow(problem, fit.form, each.vector) or own
+        # Beyond the amplitudes that are left the curve is an extrapolation, which tells nothing of the whole decay.
+        is_left = (shown >= each.log_low) & (shown <= each.log_high)
+        steps.append(is_left * np.stack([other.natural - own.natural, other.damping - own.damping]))
+    of_model = [np.diag(find_jackknife(each)) for each in np.moveaxis(np.array(steps), 1, 0)]
+    return np.asarray(variance + fit.part * np.array(of_model), dtype=np.float64)
 
 
 def _estimate_coefficients(
@@ -713,7 +919,7 @@ def _widen_friction(fits: Sequence[tuple[_Fit, float]]) -> float:
     for fit, weight in fits:
         if fit.form.has_friction:
             place = fit.form.stiffness_order + fit.form.damping_order
-            total += weight * (fit.covariance[place, place] + (fit.vector[place] - best) ** 2)
+            total += weight * (fit.whole_covariance[place, place] + (fit.vector[place] - best) ** 2)
             weights += weight
     return float(np.sqrt(total / weights))
 

@@ -199,7 +199,7 @@ def add_model_error(found: Coefficients, lines: Sequence[ModeLines], misfit: flo
     """Return coefficients whose covariance holds what a law that misses the tests does to them.
 
     A true law is the same in each test and in each part of the band. So each test is left out in turn, and each part of
-    the band, and the scatter of the answers (the jackknife of Tukey 1958) counts as far as noise does not explain the
+    the band, and the scatter of the answers (`find_jackknife`) counts as far as noise does not explain the
     misfit.
 
     Args:
@@ -217,10 +217,21 @@ def add_model_error(found: Coefficients, lines: Sequence[ModeLines], misfit: flo
         if len(numbers) < 2:
             continue
         without = np.stack([_solve_without(number, groups, lines, columns, found.noise) for number in numbers])
-        steps, n = without - found.value, len(numbers)
-        widened = (float(stats.t.ppf(0.975, n - 1)) / 1.96) ** 2
-        covariance = covariance + part * widened * (n - 1) / n * steps.T @ steps
+        covariance = covariance + part * find_jackknife(without - found.value)
     return replace(found, covariance=covariance)
+
+
+def find_jackknife(steps: FloatArray) -> FloatArray:
+    """Return the covariance of coefficients from what changes while each part of the data is left out in turn.
+
+    The scatter is that of the jackknife (Tukey 1958), wider as Student's t is for so few parts.
+
+    Args:
+        steps: (n, p) coefficients without each part less those of all data.
+    """
+    n = len(steps)
+    widened = (float(stats.t.ppf(0.975, n - 1)) / 1.96) ** 2
+    return np.asarray(widened * (n - 1) / n * steps.T @ steps, dtype=np.float64)
 
 
 def _number_tests(lines: Sequence[ModeLines]) -> list[NDArray[np.int64]]:
