@@ -430,9 +430,9 @@ def free_decay_figure(decay: Decay, axes: Any = None, *, law: DecayLaw | None = 
     with house_style():
         grid = panels(axes, 1, 3, height_in=3.0, width_in=9.0)
         _draw_record(grid[0, 0], decay)
-        of_law = (None, None)
+        of_law: list[tuple[np.ndarray, ...] | None] = [None, None]
         if law is not None:
-            of_law = ((law.frequency_hz, law.frequency_std_hz), (law.damping_ratio, law.damping_std))
+            of_law = [(law.frequency_hz, law.frequency_std_hz), (law.damping_ratio, law.damping_std)]
         for ax, name, std, low, scale, label, curve in (
             (
                 *(grid[0, 1], "frequency_hz", decay.frequency_std_hz, shown.frequency_low_hz, 1),

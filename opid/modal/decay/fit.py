@@ -336,10 +336,8 @@ def _add_model_error(problem: _Problem, fitted: _Fitted) -> _Fitted:
     part = problem.find_unexplained(fitted.best)
     if not part or fitted.best.is_at_edge:
         return fitted
-    fits = [
-        (_fit_without_stretches(problem, fit) if weight or fit is fitted.best else fit, weight)
-        for fit, weight in fitted.fits
-    ]
+    likely = [(fit, weight) for fit, weight in fitted.fits if weight or fit is fitted.best]
+    fits = [(_fit_without_stretches(problem, fit), weight) for fit, weight in likely]
     if fits[0][0].is_untold:
         return replace(fitted, warnings=(*fitted.warnings, UNTOLD), is_untold=True)
     told = (
