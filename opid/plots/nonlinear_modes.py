@@ -440,7 +440,9 @@ def free_decay_figure(decay: Decay, axes: Any = None, *, law: DecayLaw | None = 
             ),
             (grid[0, 2], "damping_ratio", decay.damping_std, shown.damping_low, 100, "damping ratio [%]", of_law[1]),
         ):
-            over = None if curve is None or law is None else (factor * law.amplitude, *(scale * x for x in curve))
+            over = None
+            if curve is not None and law is not None:
+                over = factor * law.amplitude, scale * curve[0], scale * curve[1]
             lowest = None if low.value is None else scale * low.value
             _draw_over_amplitude(ax, factor * decay.amplitude, scale * getattr(decay, name), scale * std, lowest, over)
             ax.set(xlabel=f"amplitude [{unit}]", ylabel=label)
