@@ -238,7 +238,7 @@ def test_a_late_force_is_corrected_and_told():
     assert abs(fit.stiffness[3].value - K3) < 3 * fit.stiffness[3].std
     assert fit.delay_s.holds(50e-6)
     assert fit.is_delayed
-    assert any("accelerations come 50" in text and "us after the forces" in text for text in fit.warnings)
+    assert any("accelerations come 50" in text and "µs after the forces" in text for text in fit.warnings)
     uncorrected = fit_coefficients(
         [mode_lines(test, 3, fit.band_hz) for test in tests], stiffness_order=3, damping_order=2, free_linear=True
     )
