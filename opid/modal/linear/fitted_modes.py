@@ -461,7 +461,7 @@ def _warn_of_sensors(
         if delay.value is not None:
             side = "after" if delay.value > 0 else "before"
             yield (
-                f"sensor {name!r} comes {1e6 * abs(delay.value):.3g} us {side} the others (standard deviation "
+                f"sensor {name!r} comes {1e6 * abs(delay.value):.3g} µs {side} the others (standard deviation "
                 f"{1e6 * (delay.std or 0.0):.2g} us), which the fit corrects: look for a filter in its channel, or for "
                 "a recorder of its own"
             )
