@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from opid.estimate import Estimate
-from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import SCHEMA as DECAY, Decay
+from opid.modal.decay.law import DecayLaw
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.system_fit import DrivenLaw, SystemFit
 from opid.modal.linear.fitted_modes import SCHEMA as MODES, FittedModes

@@ -6,7 +6,7 @@ from measured_data import measured
 from scipy.integrate import solve_ivp
 
 import opid
-from opid.modal.decay import fit
+from opid.modal.decay import fit, forms
 from opid.modal.decay.free_decay import free_decay
 
 FS, LEVEL = 1024.0, 1e-3
@@ -141,15 +141,15 @@ def test_a_law_that_explains_its_decay_keeps_its_intervals_to_the_digit(decays, 
 
 
 def test_a_law_that_cannot_be_fitted_without_a_stretch_has_no_interval(decays, monkeypatch):
-    fit_form, signal = fit._fit_form, record(decays["magnet"], 0, 0.001)
+    fit_form, signal = forms.fit_form, record(decays["magnet"], 0, 0.001)
     n_windows = free_decay(signal, fs=FS).amplitude.size
 
-    def refuse_short(problem, form, guess):
-        if problem.decays[0].time.size < n_windows:
+    def refuse_short(decays, form, guess, **how):
+        if decays[0].time.size < n_windows:
             raise opid.NotDeterminedError("no law")
-        return fit_form(problem, form, guess)
+        return fit_form(decays, form, guess, **how)
 
-    monkeypatch.setattr(fit, "_fit_form", refuse_short)
+    monkeypatch.setattr(forms, "fit_form", refuse_short)
     law = free_decay(signal, fs=FS).fitted
     assert fit.UNTOLD in law.warnings
     assert law.stiffness[1].value is not None

@@ -14,8 +14,8 @@ from opid.errors import InputError, NotDeterminedError, refuse
 from opid.mechanics.laws.law import LINEAR, Law, TermSet
 from opid.mechanics.structure import modal_assurance
 from opid.modal.couplings import Product, Reach, is_stable_beyond
-from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay, decay_of, law_of_decays
+from opid.modal.decay.law import DecayLaw
 from opid.modal.forced.equation import mode_lines
 from opid.modal.forced.mode_fit import ModeFit, fit_mode
 from opid.modal.forced.mode_tests import find_largest_mode, select_tests, select_tests_beside

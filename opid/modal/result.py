@@ -8,8 +8,8 @@ from typing import Any
 
 from opid.estimate import Estimate
 from opid.json_values import plain
-from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
+from opid.modal.decay.law import DecayLaw
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.system_fit import SystemFit
 from opid.modal.linear.level_shifts import LevelShift

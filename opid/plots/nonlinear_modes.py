@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from opid.estimate import format_percent
 from opid.mechanics.truth import ModeTruth
-from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
+from opid.modal.decay.law import DecayLaw
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.forced.restoring_fit import OrderRung
 from opid.modal.forced.system_fit import LawTrial, SystemFit

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from opid.estimate import Estimate, format_number, format_percent, rounded
-from opid.modal.decay.fit import DecayLaw
 from opid.modal.decay.free_decay import Decay
+from opid.modal.decay.law import DecayLaw
 from opid.modal.decay.stretch import Beginning
 from opid.modal.power_laws import unit_of, unit_per_mass
 from opid.report.document import Block, Column, Document, Figure, Paragraph, Row, Table, build_warnings, write_options

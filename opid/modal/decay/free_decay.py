@@ -13,7 +13,8 @@ from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate, format_percent
 from opid.json_values import plain
 from opid.mechanics.laws.law import Law
-from opid.modal.decay.fit import CloseModesError, DecayLaw, find_backbone, fit_decays
+from opid.modal.decay.fit import find_backbone, fit_decays
+from opid.modal.decay.law import CloseModesError, DecayLaw
 from opid.modal.decay.slow_flow import CloseModes
 from opid.modal.decay.stretch import ActingForce, Beginning, Stretch, find_free_part, find_hum, find_stretch
 from opid.modal.decay.track import Track, track_decay, widen_by_hum
