@@ -279,7 +279,7 @@ def test_paper_has_all_parts_open_and_small_charts_beside_each_other(update):
     assert update.evaluate(folds) == 0
     update.evaluate("dispatchEvent(new Event('beforeprint'))")
     update.wait_for_function("document.querySelectorAll('[data-chart]:not([data-drawn])').length === 0")
-    assert update.evaluate(folds) == update.locator("details.fold").count() == 5
+    assert update.evaluate(folds) == update.locator("details.fold").count() == 6
     halves = update.locator("section.half")
     boxes = [each.bounding_box() for each in halves.all()]
     assert len(boxes) % 2 == 0
