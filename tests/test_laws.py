@@ -73,6 +73,7 @@ ONE_SIDED = [
     "bump_stop",
     "even_quadratic_stiffness",
     "gas_column",
+    "held_even_stiffness",
     "loaded_friction",
     "orifice_damping",
     "rebound_stop",

@@ -22,8 +22,9 @@ from made_resonance import (
 
 from opid.errors import InputError
 from opid.modal.resonance.curve_file import CurveColumns, read_curve, write_curve
-from opid.modal.resonance.curve_fit import choose_held_out, fit_curves, make_curve, predict_held_out
+from opid.modal.resonance.curve_fit import fit_curves, make_curve
 from opid.modal.resonance.curves import ResponseCurve, read_curve_states
+from opid.modal.resonance.held_out import choose_held_out, predict_held_out
 from opid.modal.resonance.identification import identify_resonance
 from opid.modal.study import ModalStudy
 from opid.signals.log import ChannelSettings

@@ -153,7 +153,7 @@ def test_a_growth_of_the_linear_error_that_is_given_is_kept_else_it_follows_from
         (NoiseSettings(), 0.01),
         (NoiseSettings(), 0.02),
     ):
-        linear = SimpleNamespace(factors=factors, covariance=std**2 * np.eye(2), warnings=())
+        linear = SimpleNamespace(factors=factors, covariance=std**2 * np.eye(2), warnings=(), log_evidence=0.0)
         monkeypatch.setattr(identification, "update_linear", lambda *_, linear=linear, **__: linear)
         found = update_study(study(noise=noise, **given))
         growths.append(np.array(list(found.settings["noise"]["linear_error_growth"].values())))

@@ -20,7 +20,8 @@ from opid.modal.forced.system_fit import LawTrial, SystemFit
 from opid.modal.linear.modes import ACCELERATION
 from opid.modal.model import TruthTest
 from opid.modal.resonance.appropriation import Appropriation, Interaction
-from opid.modal.resonance.curve_fit import CurveFit, HeldOut
+from opid.modal.resonance.curve_fit import CurveFit
+from opid.modal.resonance.held_out import HeldOut
 from opid.modal.resonance.result import Resonance
 from opid.modal.result import ModalIdentification
 from opid.plots.modes import number_modes

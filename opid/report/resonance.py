@@ -12,7 +12,7 @@ from opid import plots
 from opid.errors import list_names
 from opid.estimate import Estimate, format_number, format_percent
 from opid.mechanics.truth import ModalTruth
-from opid.modal.resonance.curve_fit import HeldOut
+from opid.modal.resonance.held_out import HeldOut
 from opid.modal.resonance.law import ResonanceLaw
 from opid.modal.resonance.result import Resonance, Resonances
 from opid.report.document import (

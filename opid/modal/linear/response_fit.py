@@ -29,9 +29,9 @@ from opid.modal.linear.fitted_modes import (
     FittedResidues,
     ResponseFitSettings,
     SensorMisfit,
-    shape_modes,
 )
 from opid.modal.linear.frequency_response import FrequencyResponse
+from opid.modal.linear.mode_shapes import shape_modes
 from opid.modal.linear.modes import ACCELERATION
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray

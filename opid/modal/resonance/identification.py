@@ -16,15 +16,13 @@ from opid.modal.resonance.appropriation import Appropriation, Interaction, modal
 from opid.modal.resonance.curve_fit import (
     CurveFit,
     CurvesLaw,
-    HeldOut,
-    choose_held_out,
     describe_wrong_mass,
     fit_curves,
     make_curve,
-    predict_held_out,
     scale_shapes,
 )
 from opid.modal.resonance.curves import ResponseCurve, find_curve_mode
+from opid.modal.resonance.held_out import HeldOut, choose_held_out, predict_held_out
 from opid.modal.resonance.law import ResonanceLaw, check_states, fit_states
 from opid.modal.resonance.result import Resonance, Resonances
 from opid.modal.resonance.settings import ResonanceSettings

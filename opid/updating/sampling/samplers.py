@@ -113,8 +113,8 @@ def nuts(
 
     It follows the slope of the density over long ways, so that its samples are nearly independent whatever the number
     of parameters. It walks in coordinates in which the covariance is the unit matrix, and learns their scales during
-    the warm-up. The density may have any support, but where it ends the chains turn back without a warning slope: give
-    coordinates without bounds, as `WhitePrior` does.
+    the warm-up. The density may have any support, but where it ends no slope warns the chains, and they turn back: give
+    coordinates without bounds, as `Prior.from_normal` makes them.
 
     Args:
         log_density: the log density and its slopes.
