@@ -99,8 +99,8 @@ def measured(specimen: Specimen, seed: int) -> Iterator[MeasuredCurve]:
 def updated(structure: AffineStructure, curves: Sequence[MeasuredCurve], form: str, seed: int) -> Updating:
     """Both phases in one form of the likelihood."""
     study = UpdatingStudy(
-        "Song et al. (2021) on virtual data", structure, tuple(convert_curve(curve) for curve in curves), PAPER_CLASSES,
-        parameters=dict.fromkeys(UPDATED, FACTOR_PRIOR), form=form, harmonics=FORMS[form], seed=seed,  # type: ignore[arg-type]
+        "Song et al. (2021) on virtual data", structure, tuple(convert_curve(curve, DRIVE) for curve in curves),
+        PAPER_CLASSES, parameters=dict.fromkeys(UPDATED, FACTOR_PRIOR), form=form, harmonics=FORMS[form], seed=seed,  # type: ignore[arg-type]
     )  # fmt: skip
     begun = perf_counter()
     result = update_study(study)
@@ -167,7 +167,7 @@ def png(axes: Any) -> bytes:
 def measured_figure(curves: Sequence[MeasuredCurve], mode: int, number: int, there: str, beside: str) -> Figure:
     """Backbones of a mode at the pylons, with the first harmonic and with all seven."""
     own = [curve for curve in curves if curve.mode == mode]
-    grid = plots.measured_backbones([convert_curve(curve) for curve in own], mode, sensors=PYLONS)
+    grid = plots.measured_backbones([convert_curve(curve, DRIVE) for curve in own], mode, sensors=PYLONS)
     phase = np.exp(2j * np.pi * np.outer(np.arange(1, 8), np.arange(128) / 128))
     for ax, sensor in zip(grid.ravel(), PYLONS, strict=True):
         # the unit of the axis is that of the plot function
@@ -184,7 +184,7 @@ def measured_figure(curves: Sequence[MeasuredCurve], mode: int, number: int, the
     handles = [ax.plot([], [], color=color, linestyle=style)[0] for color, style in styles]
     ax.legend(handles, ["first harmonic", "largest of all seven"], loc="lower right", fontsize=7)
     held = np.linspace(*AMPLITUDE_M[BENDING_MODES.index(mode)], N_POINTS)[1:-1]
-    backbones = [convert_curve(curve) for curve in own]
+    backbones = [convert_curve(curve, DRIVE) for curve in own]
     hz = np.array([np.interp(held, one.controlled_amplitude, one.frequency_hz) for one in backbones])
     first = np.array([one.frequency_hz[0] for one in backbones])
     top = np.abs(np.mean([one.amplitude[-1] for one in backbones], axis=0))

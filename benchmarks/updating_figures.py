@@ -5,10 +5,11 @@ and none is dropped. The synthetic sets are those of `synthetic_backbones` on th
 its first bending mode and 5 of its second, class 2 with theta = 1.58: "large" errors have offsets of 0.35 % a curve and
 0.1 % a point, "small" ones those of a virtual measurement (0.05 and 0.15 % a curve, 0.01 % a point). The linear error
 of 0.4 % is one of each modal frequency ("mode") or of both moduli, 0.8 % each ("moduli"). In rows "pylons" one pylon is
-cubic and the other quadratic. Rows "coverage study" run
-both phases from nominal moduli; the other ones of coverage take the structure with its linear error as it is. Rows
-"joint" update both moduli together with two coefficients of each pylon by the no-U-turn sampler, in one core; "joint
-evidence" compares the evidence with nested sampling (`pip install dynesty`).
+cubic and the other quadratic. Rows "coverage study" run both phases from nominal moduli; the other ones of coverage
+take the structure with its linear error as it is. Row "damping" has curves of damped pylons under a force, whose modes
+have damping ratios that are known within 3 %. Rows "joint" update both moduli together with two coefficients of each
+pylon by the no-U-turn sampler, in one core; "joint evidence" compares the evidence with nested sampling (`pip install
+dynesty`).
 """
 
 import argparse
@@ -16,6 +17,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from multiprocessing import get_context
 from time import perf_counter, process_time
 
@@ -27,22 +29,31 @@ from harness import table_head, table_row
 from tqdm import tqdm
 
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen, quadrature_curve
+from opid.mechanics.laws.law import Law, Term
 from opid.updating.identification import predict, update_study
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
 from opid.updating.likelihood.curves import likelihood_function
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone
-from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior, StiffnessFactor
+from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior, StiffnessFactor, UncertainTerm
 from opid.updating.posterior import update_class
 from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
-from opid.virtual.backbone_tests.measured import synthetic_backbones
+from opid.virtual.backbone_tests.measured import (
+    AMPLITUDE_M,
+    BENDING_MODES,
+    CONTROLLED,
+    convert_curve,
+    synthetic_backbones,
+)
 from opid.virtual.backbone_tests.wing_engine import UPDATED, laws_of_pylons, wing_engine_structure
 
 FACTORS = tuple(UPDATED.values())
 CLASSES, TRUTH, THETA = PAPER_CLASSES, PAPER_CLASSES[1], 1.58
 PYLONS = (1.58, 1.2)  # theta of a cubic and of a quadratic pylon
+DAMPERS, RATIO, DRIVE = (0.1, 0.5), 0.001, "5"  # N s/m, N s^2/m^2; of the modes; where the force acts
 ERRORS = {
     "large": {"offset_fraction": 0.0035, "point_noise": 0.001},
     "small": {},
@@ -247,6 +258,66 @@ def bands(seed: int, form: str, errors: str) -> Figures:
     return figures | {f"points of curves left out, mode {band.mode}": band.left_out for band in both}
 
 
+@cache
+def damped_curves() -> tuple[MeasuredCurve, ...]:
+    """Curves of damped pylons under a force at sensor 5 by harmonic balance, those that reach quadrature everywhere."""
+    (cubic,) = TRUTH.law("", (THETA,)).terms
+    law = Law((cubic, Term("signed_power_damping", (DAMPERS[0], 1.0)), Term("quadratic_damping", (DAMPERS[1],))))
+    specimen = Specimen(system(), law, RATIO, DRIVE)
+    curves = [
+        quadrature_curve(
+            specimen, mode=mode, sensor=sensor, controlled_sensor=CONTROLLED,
+            amplitude=np.linspace(least, most, 20), harmonics=(1, 3),
+        )
+        for mode, (least, most) in zip(BENDING_MODES, AMPLITUDE_M, strict=True)
+        for sensor in system().sensors
+    ]  # fmt: skip
+    return tuple(curve for curve in curves if len(curve.levels) == 20 and curve.converged.all())
+
+
+def damped_backbones(rng: np.random.Generator) -> tuple[MeasuredBackbone, ...]:
+    """These curves with errors: 2 % of calibration, 0.5 % of each force, 0.4 % of each linear frequency, shapes."""
+    gain, found = 1 + 0.02 * rng.standard_normal(), []
+    linear = {mode: 1 + 0.004 * rng.standard_normal() for mode in BENDING_MODES}
+    for curve in damped_curves():
+        true = convert_curve(curve, DRIVE)
+        shapes = true.amplitude + 0.005 * np.linalg.norm(true.amplitude, axis=1, keepdims=True) * rng.standard_normal(
+            true.amplitude.shape
+        )
+        shapes[:, true.sensors.index(CONTROLLED)] = true.controlled_amplitude
+        n = true.frequency_hz.size
+        hz = true.frequency_hz * linear[true.mode] * (1 + 1e-4 * rng.standard_normal(n))
+        force = gain * true.force_n * (1 + 0.005 * rng.standard_normal(n))
+        found.append(replace(true, frequency_hz=hz, amplitude=shapes, force_n=force))
+    return tuple(found)
+
+
+def damping(seed: int) -> Figures:
+    """Linear and quadratic dampers beside the cubic spring; three classes, two of which lack one of the dampers."""
+    rng = np.random.default_rng(seed)
+    linear = UncertainTerm("signed_power_damping", (DAMPERS[0], 1.0), (Prior(), None))
+    quadratic = UncertainTerm("quadratic_damping", (DAMPERS[1],), (Prior(),))
+    sets = {"both": (linear, quadratic), "linear": (linear,), "quadratic": (quadratic,)}
+    known = {mode: RATIO * np.exp(0.03 * rng.standard_normal()) for mode in BENDING_MODES}
+    study = UpdatingStudy(
+        title="damping", structure=system(), backbones=damped_backbones(rng), seed=seed,
+        classes=tuple(ModelClass(name, (*TRUTH.terms, *dampers)) for name, dampers in sets.items()),
+        damping={mode: Prior("lognormal", ratio, 0.03) for mode, ratio in known.items()},
+    )  # fmt: skip
+    found = update_study(study)
+    figures = {"both dampers chosen": float(found.best_class == "both")}
+    true = (THETA, 1.0, 1.0, RATIO, RATIO)
+    for each, (parameter, estimate), value in zip(
+        ("cubic spring", "linear damper", "quadratic damper", "damping ratio of mode 7", "damping ratio of mode 8"),
+        found.classes[0].coefficients.items(), true, strict=True,
+    ):  # fmt: skip
+        own = value * parameter.scale
+        figures[f"95 % interval of the {each} holds"] = float(estimate.holds(own))
+        figures[f"error of the {each}, %"] = 100 * (estimate.value / own - 1)
+        figures[f"standard deviation of the {each}, %"] = 100 * estimate.std / own
+    return figures
+
+
 def evidence(seed: int, form: str, errors: str) -> Figures:
     data = prepared(backbones(seed, errors), form)
     figures = {}
@@ -287,6 +358,7 @@ ROWS: dict[str, Row] = {
     **{f"joint {errors} {linear}": (joint, (errors, linear), 60) for errors in ERRORS for linear in ("mode", "moduli")},
     "joint evidence": (joint_evidence, ("small", "mode"), 3),
     **{f"bands {form} {errors}": (bands, (form, errors), 30) for form in FORMS[:2] for errors in ERRORS},
+    "damping": (damping, (), 60),
     **{f"evidence {form} large": (evidence, (form, "large"), 10) for form in FORMS[:2]},
     **{f"times {form}": (times, (form,), 3) for form in FORMS[:2]},
 }  # fmt: skip

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from opid.errors import InputError
-from opid.studies.updating_study import ClassTable, find_spring, tabulate_class
+from opid.studies.updating_study import ClassTable, find_term, tabulate_class
 from opid.updating.model_class import Prior
 
 
 def test_laws_have_short_and_full_names_and_scales_have_units():
-    assert find_spring("Even quadratic") == "even_quadratic_stiffness"
-    assert find_spring("cubic_stiffness") == "cubic_stiffness"
+    assert find_term("Even quadratic") == "even_quadratic_stiffness"
+    assert find_term("cubic_stiffness") == "cubic_stiffness"
     table = {"law": "cubic+quartic", "scale": ("0.0884 N/mm^3", "-0.0027 N/mm4")}
     found = ClassTable(**table).model
     assert found.name == "cubic+quartic"
@@ -35,7 +35,8 @@ def test_laws_have_short_and_full_names_and_scales_have_units():
         ({"law": "cubic + quintic", "scale": 1, "prior": (("uniform", 0, 1),)}, "1 prior(s): give 2"),
         ({"law": "cubic + cubic", "scale": 1}, "twice"),
         ({"law": "signed power", "scale": (1,)}, "1 scale(s): give 2"),
-        ({"law": "cubic damping", "scale": 1}, "depends on the rate"),
+        ({"law": "cubic damping", "scale": 1}, "has no spring"),
+        ({"law": "arctan_mixed", "scale": 1}, "depends on the rate and on the travel: give springs and dampers apart"),
     ],
 )
 def test_a_class_that_cannot_be_is_refused(table, words):

@@ -30,7 +30,7 @@ from opid.updating.measured import (
     read_result_backbones,
     write_backbone,
 )
-from opid.updating.model_class import Family, ModelClass, Prior, UncertainTerm
+from opid.updating.model_class import LINEAR_DAMPING, Family, ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import AffineStructure, find_joint_rows, name_faults
 from opid.updating.structure.matrices_file import checked_structure, write_structure
 from opid.updating.study import UpdatingSettings, UpdatingStudy
@@ -41,6 +41,9 @@ FACTOR_PRIOR = Prior("uniform", 0.05, 5.0)
 PRIOR = 'a list like ["uniform", 0, 10], ["normal", 1, 0.3] or ["lognormal", 1, 0.3]'
 PriorRow = Annotated[tuple[Family, float, float], PRIOR]
 """Family, first and second value of a `Prior`."""
+
+_LINEAR = "linear_damping"  # name of the signed power of the rate with the exponent 1
+_LINEAR_COEFFICIENT = Parameter("damping_n_s_per_m", "N s/m", "amplitude", 1e3)
 
 _WITH_UNIT = re.compile(r"\s*([-+0-9.eE]+)\s*([kM]?)N\s*/\s*(m|mm|cm|in)\s*(?:\^|\*\*)?\s*(\d*)\s*")
 _PER_METRE = {"m": 1.0, "cm": 1e2, "mm": 1e3, "in": 1 / 0.0254}
@@ -89,6 +92,9 @@ class _Structure(_Factors):
     sensors: Annotated[tuple[_Dof, ...] | None, "a list of degrees of freedom"] = None
     internal_modes: int | None = None
     joints: Annotated[Mapping[str, _Ends] | None, 'a table of joints, each with its two ends like ["9", "10"]'] = None
+    damping: Annotated[Mapping[int, float | PriorRow], f"a table of modes, each with its damping ratio or {PRIOR}"] = (
+        field(default_factory=dict)
+    )
     coordinates: Annotated[
         Mapping[str, _Coordinates], "a table of sensors, each with its coordinates like [0.2, 0.1, 0]"
     ] = field(default_factory=dict)
@@ -97,6 +103,11 @@ class _Structure(_Factors):
     def places(self) -> dict[str, Place]:
         """Where the sensors are."""
         return {name: Place(each[:3], each[3] if len(each) == 4 else "z") for name, each in self.coordinates.items()}
+
+    @property
+    def ratios(self) -> dict[int, float | Prior]:
+        """The damping ratio of each mode, or its prior."""
+        return {mode: Prior(*row) if isinstance(row, tuple) else row for mode, row in self.damping.items()}
 
     def __post_init__(self) -> None:
         ways = {"matrices": self.matrices, "modes": self.modes, "frequency_hz": self.frequency_hz}
@@ -127,6 +138,7 @@ class _Backbone:
     controlled_sensor: Annotated[_Dof, "the name of a sensor in quotes"]
     name: str | None = None
     unit: str | None = None
+    drive: Annotated[_Dof | None, "the name of a sensor in quotes"] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +159,8 @@ class LawTable:
     """A table of [[classes.laws]]: the law of some joints of a class.
 
     Args:
-        law: kinds of `opid.mechanics.laws.law`, "_stiffness" may be left out, joined by +.
+        law: kinds of `opid.mechanics.laws.law`, "_stiffness" may be left out, joined by +: springs, and dampers, of
+            which "linear damping" is the signed power whose exponent is known to be 1.
         scale: one for each parameter of the kinds, in SI units or with the unit in a text; one for all if it is alone.
         prior: one for each parameter, "known" for one that keeps its scale; one for all if it is alone, uniform from 0
             to 10 where left out.
@@ -167,8 +180,8 @@ class LawTable:
     @property
     def terms(self) -> tuple[UncertainTerm, ...]:
         """The terms that the table describes."""
-        kinds = [find_spring(part) for part in self.law.split("+")]
-        parameters = [parameter for kind in kinds for parameter in LAWS[kind].parameters]
+        kinds = [find_term(part) for part in self.law.split("+")]
+        parameters = [parameter for kind in kinds for parameter in _list_parameters(kind)]
         scales = self.scale if isinstance(self.scale, tuple) else (self.scale,) * len(parameters)
         prior = astuple(Prior()) if self.prior is None else self.prior
         is_list = bool(prior) and (isinstance(prior[0], tuple) or "known" in prior)
@@ -183,8 +196,12 @@ class LawTable:
         priors = [None if row == "known" else Prior(*row) for row in rows]
         found, first = [], 0
         for kind in kinds:
-            own = slice(first, first + len(LAWS[kind].parameters))
-            found.append(UncertainTerm(kind, tuple(values[own]), tuple(priors[own]), tuple(map(str, self.joints))))
+            own = slice(first, first + len(_list_parameters(kind)))
+            joints = tuple(map(str, self.joints))
+            if kind == _LINEAR:
+                found.append(UncertainTerm(LINEAR_DAMPING, (*values[own], 1.0), (*priors[own], None), joints))
+            else:
+                found.append(UncertainTerm(kind, tuple(values[own]), tuple(priors[own]), joints))
             first = own.stop
         return tuple(found)
 
@@ -314,6 +331,7 @@ def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
         noise=noise,
         source=source,
         places=study.structure.places,
+        damping=study.structure.ratios,
         **vars(study.settings),
     )
 
@@ -427,32 +445,43 @@ def _read_backbones(
     file, sensor = directory / entry.file, str(entry.controlled_sensor)
     sensors = None if structure is None else structure.sensors
     if file.suffix.lower() == ".json":
-        if entry.unit is not None:
-            raise InputError("a result.json is in SI units: leave 'unit' out")
+        for key in ("unit", "drive"):
+            if getattr(entry, key) is not None:
+                raise InputError(
+                    f"a result.json is in SI units and has no force for its drive point: leave {key!r} out"
+                )
         modes = structure if isinstance(structure, JointedModes) else None
         return read_result_backbones(
             file, mode=entry.mode, controlled_sensor=sensor, sensors=sensors, modes=modes, name=entry.name
         )
     unit = log.unit if entry.unit is None and log else entry.unit
-    curve = read_backbone(file, mode=entry.mode, controlled_sensor=sensor, sensors=sensors, unit=unit, name=entry.name)
+    curve = read_backbone(
+        file, mode=entry.mode, controlled_sensor=sensor, sensors=sensors, unit=unit, name=entry.name,
+        drive=None if entry.drive is None else str(entry.drive),
+    )  # fmt: skip
     return [curve], 0.0
 
 
-def find_spring(text: str) -> str:
-    """Return the kind of spring that a short or a full name means.
+def find_term(text: str) -> str:
+    """Return the kind of spring or damper that a short or a full name means.
 
     Raises:
         InputError: there is none.
 
-    >>> find_spring(" cubic "), find_spring("gas column")
-    ('cubic_stiffness', 'gas_column')
+    >>> find_term(" cubic "), find_term("gas column"), find_term("linear damping")
+    ('cubic_stiffness', 'gas_column', 'linear_damping')
     """
     plain = "_".join(text.lower().split())
     for name in (plain, f"{plain}_stiffness"):
-        if name in LAWS:
+        if name in LAWS or name == _LINEAR:
             return name
     springs = [kind.removesuffix("_stiffness") for kind in LAWS if len(LAWS[kind].parameters) == 1]
     raise InputError(f"there is no law {text.strip()!r}: {nearest(plain, springs)}")
+
+
+def _list_parameters(kind: str) -> tuple[Parameter, ...]:
+    """Return the parameters of a kind that a table gives."""
+    return (_LINEAR_COEFFICIENT,) if kind == _LINEAR else LAWS[kind].parameters
 
 
 def _read_scale(given: float | str, parameter: Parameter) -> float:
@@ -501,9 +530,10 @@ def tabulate_class(model: ModelClass) -> ClassTable:
 
 
 def _tabulate_law(terms: Sequence[UncertainTerm], joints: tuple[str, ...]) -> LawTable:
-    law = " + ".join(each.kind.removesuffix("_stiffness") for each in terms)
-    scales = tuple(scale for each in terms for scale in each.scales)
-    priors: Any = tuple("known" if prior is None else astuple(prior) for each in terms for prior in each.priors)
+    law = " + ".join(_LINEAR if each.is_linear_damper else each.kind.removesuffix("_stiffness") for each in terms)
+    given = [(each, 1 if each.is_linear_damper else len(each.scales)) for each in terms]
+    scales = tuple(scale for each, n in given for scale in each.scales[:n])
+    priors: Any = tuple("known" if prior is None else astuple(prior) for each, n in given for prior in each.priors[:n])
     is_alone = len(scales) == 1
     return LawTable(
         law=law, scale=scales[0] if is_alone else scales, prior=priors[0] if is_alone else priors, joints=joints
@@ -527,6 +557,9 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
                 joints={name: ends if len(ends) == 2 else ends[0] for name, ends in structure.joints.items()},
                 priors={name: astuple(prior) for name, prior in study.parameters.items()},
                 coordinates={name: (*each.position, each.direction) for name, each in study.places.items()},
+                damping={
+                    mode: astuple(ratio) if isinstance(ratio, Prior) else ratio for mode, ratio in study.damping.items()
+                },
             ),
             backbones=tuple(
                 _Backbone(
@@ -534,6 +567,7 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
                     mode=curve.mode,
                     controlled_sensor=curve.controlled_sensor,
                     name=None if Path(file).stem == curve.name else curve.name,
+                    drive=curve.drive or None,
                 )
                 for curve, file in zip(study.backbones, files, strict=True)
             ),

@@ -23,11 +23,12 @@ from opid.updating.likelihood.backbones import (
 )
 from opid.updating.likelihood.curves import describe_points, make_curves, make_solver, weigh_as_recommended
 from opid.updating.likelihood.error_growth import growth_of_linear_error, with_modal_errors
+from opid.updating.likelihood.force import force_data
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
 from opid.updating.likelihood.noise import UNMENDED_GROWTH, draw_errors
 from opid.updating.linear_updating import update_linear
 from opid.updating.measured import MeasuredBackbone, by_mode
-from opid.updating.model_class import ModelClass, StiffnessFactor
+from opid.updating.model_class import DampingRatio, ModelClass, Prior, StiffnessFactor
 from opid.updating.posterior import update_class
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.samplers import require_nutpie
@@ -68,7 +69,9 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     say("backbones")
     growth = _find_growth(study, linear)
     data = _prepare(study, system, growth)
-    given = study.classes
+    unknown = {mode: prior for mode, prior in study.damping.items() if isinstance(prior, Prior)}
+    ratios = tuple(DampingRatio(mode, prior) for mode, prior in sorted(unknown.items()))
+    given = tuple(replace(each, ratios=ratios) for each in study.classes)
     if study.is_joint and linear is not None and isinstance(study.structure, AffineStructure):
         factors = tuple(StiffnessFactor(name, study.parameters[name]) for name in linear.names)
         given = tuple(replace(each, factors=factors) for each in given)
@@ -205,7 +208,10 @@ def _prepare(study: UpdatingStudy, system: JointedModes, growth: Mapping[int, fl
         )
         for mode, curves in by_mode(study.backbones).items()
     ]
-    return replace(of_modes[0], modes=tuple(mode for each in of_modes for mode in each.modes), noise=study.noise)
+    modes = tuple(mode for each in of_modes for mode in each.modes)
+    known = {mode: ratio for mode, ratio in study.damping.items() if not isinstance(ratio, Prior)}
+    force = force_data(modes, study.backbones, study.noise, known) if study.damping else None
+    return replace(of_modes[0], modes=modes, noise=study.noise, force=force)
 
 
 def _update_classes(

@@ -74,10 +74,13 @@ class MeasuredBackbone:
             columns in the order of `sensors`.
         sensors: names of the sensors.
         files: the file of the backbone, and those of its study.
+        drive: the sensor at which the force acts; "" where the force is not known.
+        force_n: (n_points,) the part of the force that is in quadrature with the controlled sensor, N; None where it is
+            not known.
 
     Raises:
-        InputError: too few points, counts that do not match, values that are not finite or not positive, or an
-            amplitude at the controlled sensor that does not grow.
+        InputError: too few points, counts that do not match, values that are not finite or not positive, an amplitude
+            at the controlled sensor that does not grow, or a force without a drive point that is one of the sensors.
     """
 
     name: str
@@ -87,6 +90,8 @@ class MeasuredBackbone:
     amplitude: FloatArray
     sensors: tuple[str, ...]
     files: tuple[ReadFile, ...] = ()
+    drive: str = ""
+    force_n: FloatArray | None = None
 
     def __post_init__(self) -> None:
         frequency, amplitude = (np.array(getattr(self, key), dtype=np.float64) for key in ("frequency_hz", "amplitude"))
@@ -124,6 +129,30 @@ class MeasuredBackbone:
             array.flags.writeable = False
             object.__setattr__(self, key, array)
         object.__setattr__(self, "sensors", sensors)
+        self._check_force()
+
+    def _check_force(self) -> None:
+        if (self.force_n is None) != (not self.drive):
+            raise InputError(
+                f"backbone {self.name!r} has {'no force' if self.drive else 'a force'} and "
+                f"{f'the drive point {self.drive!r}' if self.drive else 'no drive point'}: give both or neither"
+            )
+        if self.force_n is None:
+            return
+        if self.drive not in self.sensors:
+            raise InputError(
+                f"the force of backbone {self.name!r} acts at {self.drive!r}, which is not one of its sensors: "
+                f"{nearest(self.drive, self.sensors)}"
+            )
+        force = np.array(self.force_n, dtype=np.float64)
+        moved = self.amplitude[:, self.sensors.index(self.drive)]
+        if force.shape != self.frequency_hz.shape or not (np.isfinite(force) & (force > 0)).all() or not moved.all():
+            raise InputError(
+                f"backbone {self.name!r} has a force of shape {force.shape} for {self.frequency_hz.size} points: give "
+                "one positive number for each, and a drive point that moves"
+            )
+        force.flags.writeable = False
+        object.__setattr__(self, "force_n", force)
 
     @property
     def controlled_amplitude(self) -> FloatArray:
@@ -153,25 +182,27 @@ def read_backbone(
     sensors: Sequence[str] | None = None,
     unit: str | None = None,
     name: str | None = None,
+    drive: str | None = None,
 ) -> MeasuredBackbone:
     """Return the backbone that a CSV file holds, amplitudes of displacement in m.
 
     Args:
         path: a text with a header: `frequency_hz` (or `frequency [Hz]`, `omega [rad/s]`) and one column for each sensor
             with the amplitude of its first harmonic, the unit in brackets (`10 [mm]`); columns are separated by commas,
-            semicolons or tabs. An acceleration is divided by (2 pi f)^2, a velocity by 2 pi f. Columns of a force, a
-            voltage or a phase are left out.
+            semicolons or tabs. An acceleration is divided by (2 pi f)^2, a velocity by 2 pi f. Columns of a voltage or
+            a phase are left out, and those of a force without a drive point.
         mode: number of the mode, from 1.
         controlled_sensor: the sensor at whose amplitudes the model is solved.
         sensors: sensors of the structure: any other column of motion is refused; where left out, every column of
             motion is a sensor.
         unit: unit of the columns that state none; metres where left out.
         name: name of the backbone; that of the file where left out.
+        drive: the sensor at which the force of the file acts, whose column has a unit of force, like `force [N]`.
 
     Raises:
         InputError: no such file, no header, no or two columns of frequencies, a column that is not a sensor, a unit
-            that is not one of motion, a cell that is not a number, amplitudes that no structure has, metres that are
-            called millimetres, or what `MeasuredBackbone` refuses.
+            that is not one of motion, a drive point without one column of a force, a cell that is not a number,
+            amplitudes that no structure has, metres that are called millimetres, or what `MeasuredBackbone` refuses.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as directory:
@@ -184,7 +215,8 @@ def read_backbone(
     if not source.is_file():
         raise InputError(f"there is no backbone {path}: check the name")
     try:
-        read = _read_curve(source, mode, controlled_sensor, sensors, unit, source.stem if name is None else name)
+        called = source.stem if name is None else name
+        read = _read_curve(source, mode, controlled_sensor, sensors, unit, called, drive or "")
         return replace(read, files=(read_file(source),))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -268,22 +300,28 @@ def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> 
             raise InputError(f"the sensor {sensor!r} cannot be the name of a column of {path}: rename it")
     with write_whole(path) as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["frequency_hz", *(f"{sensor} [m]" for sensor in backbone.sensors)])
-        for frequency, row in zip(backbone.frequency_hz, backbone.amplitude, strict=True):
-            writer.writerow([repr(float(value)) for value in (frequency, *row)])
+        force = [] if backbone.force_n is None else [backbone.force_n]
+        header = ["frequency_hz", *(f"{sensor} [m]" for sensor in backbone.sensors), *["force [N]"] * len(force)]
+        writer.writerow(header)
+        for row in np.column_stack([backbone.frequency_hz, backbone.amplitude, *force]):
+            writer.writerow([repr(float(value)) for value in row])
 
 
 def _read_curve(
-    source: Path, mode: int, controlled: str, sensors: Sequence[str] | None, unit: str | None, name: str
+    source: Path, mode: int, controlled: str, sensors: Sequence[str] | None, unit: str | None, name: str, drive: str
 ) -> MeasuredBackbone:
     header, values = read_table(source, "frequency_hz,1 [mm],2 [mm]")
     frequency_hz, column = find_frequency(header, values)
     own: dict[str, FloatArray] = {}
     units: dict[str, str | None] = {}
+    forces: dict[str, FloatArray] = {}
     for index, cell in enumerate(header):
         if index == column:
             continue
         sensor, given = (cell, None) if sensors is not None and cell in sensors else split_unit(cell)
+        factor, quantity = to_si(given or unit or "m")
+        if quantity == "N":
+            forces[cell] = factor * values[:, index]
         found = _to_displacement(sensor, given or unit, values[:, index], frequency_hz)
         if found is None:
             continue
@@ -297,7 +335,13 @@ def _read_curve(
     _require_credible(own, units)
     order = [sensor for sensor in sensors if sensor in own] if sensors is not None else list(own)
     amplitude = np.column_stack([own[sensor] for sensor in order])
-    return MeasuredBackbone(name, mode, controlled, frequency_hz, amplitude, tuple(order))
+    if drive and len(forces) != 1:
+        raise InputError(
+            f"it has {len(forces)} columns of a force ({', '.join(forces)}), and the drive point {drive!r} is named: "
+            "give one, like 'force [N]'"
+        )
+    force = next(iter(forces.values())) if drive else None
+    return MeasuredBackbone(name, mode, controlled, frequency_hz, amplitude, tuple(order), drive=drive, force_n=force)
 
 
 def _to_displacement(sensor: str, unit: str | None, values: FloatArray, frequency_hz: FloatArray) -> FloatArray | None:

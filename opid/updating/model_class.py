@@ -1,4 +1,4 @@
-"""Model classes: laws of the joints whose parameters are updated, scaled to be near 1, with their priors.
+"""Model classes: springs and dampers of the joints whose parameters are updated, scaled to be near 1, with priors.
 
 The five classes of Song et al. (2021) follow at the end.
 """
@@ -15,10 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
 from opid.errors import InputError, nearest
-from opid.mechanics.backbones.harmonic_balance import refuse_velocity
+from opid.mechanics.backbones.harmonic_balance import TRIED_M, depends_on_rate
 from opid.mechanics.laws.kinds import LAWS, Parameter
 from opid.mechanics.laws.law import Law, Term
 from opid.signals.recording import FloatArray
+
+LINEAR_DAMPING = "signed_power_damping"
+"""The kind that is a linear damper where its exponent is known to be 1."""
 
 Family = Literal["uniform", "normal", "lognormal"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
@@ -119,14 +122,14 @@ class UncertainTerm:
     """One term of the law of some joints, with what is known of each of its parameters.
 
     Args:
-        kind: name of the kind in `opid.laws.LAWS`, a spring.
+        kind: name of the kind in `opid.laws.LAWS`, a spring or a damper.
         scales: one factor for each parameter of the kind, in its unit; that of an amplitude may be negative.
         priors: prior of each parameter over its scale; None for one that is known to be its scale.
         joints: names of the joints that have the term, with the same values; all where empty.
 
     Raises:
-        InputError: an unknown kind, one with a memory or of velocity, counts that do not match, or a scale or a prior
-            that its parameter cannot have.
+        InputError: an unknown kind, one with a memory or that is neither spring nor damper, counts that do not match,
+            or a scale or a prior that its parameter cannot have.
     """
 
     kind: str
@@ -139,7 +142,7 @@ class UncertainTerm:
             raise InputError(f"there is no law {self.kind!r}: {nearest(self.kind, LAWS)}")
         kind = LAWS[self.kind]
         if kind.memory is not None:
-            raise InputError(f"{self.kind!r} has a memory: give springs, which backbones need")
+            raise InputError(f"{self.kind!r} has a memory: give springs and dampers, whose motion is known")
         wanted = [each.name for each in kind.parameters]
         for what, given in (("scale", self.scales), ("prior", self.priors)):
             if len(given) != len(wanted):
@@ -156,13 +159,44 @@ class UncertainTerm:
                     f"{parameter.name} of {self.kind!r} is positive, and its prior allows values below 0: give a "
                     "uniform one from 0 up, or a lognormal one"
                 )
-        refuse_velocity([Term(self.kind, self.scales)])
+        if self.is_damper and depends_on_travel(Term(self.kind, self.scales)):
+            raise InputError(f"{self.kind!r} depends on the rate and on the travel: give springs and dampers apart")
         if len(set(self.joints)) < len(self.joints):
             raise InputError(f"{self.kind!r} is at the joints {self.joints}: name each once")
+
+    @cached_property
+    def is_damper(self) -> bool:
+        """Whether its force depends on the rate of the extension."""
+        return depends_on_rate(Term(self.kind, self.scales))
+
+    @property
+    def is_linear_damper(self) -> bool:
+        """Whether it is a signed power of the rate whose exponent is known to be 1."""
+        return self.kind == LINEAR_DAMPING and self.scales[1] == 1.0 and self.priors[1] is None
+
+    @property
+    def words(self) -> str:
+        """The kind in short words, and where it acts: "cubic at front"."""
+        return f"{self.short}{self.place}"
+
+    @property
+    def short(self) -> str:
+        """The kind in short words."""
+        return "linear damping" if self.is_linear_damper else short_kind(self.kind)
+
+    @property
+    def place(self) -> str:
+        """Where it acts: " at front"; "" for all joints."""
+        return f" at {', '.join(self.joints)}" if self.joints else ""
 
     def acts_at(self, joint: str) -> bool:
         """Return whether the joint called `joint` has the term."""
         return not self.joints or joint in self.joints
+
+
+def depends_on_travel(term: Term) -> bool:
+    """Return whether the force of a term differs between extensions at one rate."""
+    return bool(np.ptp(term.evaluate(TRIED_M, np.full(TRIED_M.size, 0.1))[0]))
 
 
 @dataclass(frozen=True)
@@ -185,7 +219,7 @@ class ClassParameter:
     @property
     def unit(self) -> str:
         """The unit of the parameter."""
-        return self.own.unit
+        return "N s/m" if self.term.is_linear_damper else self.own.unit
 
     @property
     def is_amplitude(self) -> bool:
@@ -208,13 +242,13 @@ class ClassParameter:
     def key(self) -> str:
         """The name in files: "cubic_stiffness", with what distinguishes it: "gas_column.exponent at front"."""
         inner = f".{self.own.name}" if self.index else ""
-        return f"{self.term.kind}{inner}{_say_where(self.term)}"
+        return f"{self.term.kind}{inner}{self.term.place}"
 
     @property
     def words(self) -> str:
         """The name in short words: "cubic", "gas column, exponent at front"."""
         inner = f", {self.own.words}" if self.index else ""
-        return f"{short_kind(self.term.kind)}{inner}{_say_where(self.term)}"
+        return f"{self.term.short}{inner}{self.term.place}"
 
 
 @dataclass(frozen=True)
@@ -245,19 +279,47 @@ class StiffnessFactor:
 
 
 @dataclass(frozen=True)
+class DampingRatio:
+    """The damping ratio of a mode of the structure without its joints, which is unknown together with their laws.
+
+    Args:
+        mode: number of the mode, from 1.
+        prior: its prior.
+    """
+
+    mode: int
+    prior: Prior
+
+    scale: ClassVar[float] = 1.0
+    unit: ClassVar[str] = "1"
+    is_amplitude: ClassVar[bool] = False
+
+    @property
+    def key(self) -> str:
+        """The name in files."""
+        return f"damping_ratio of mode {self.mode}"
+
+    @property
+    def words(self) -> str:
+        """The name in short words."""
+        return f"damping of mode {self.mode}"
+
+
+@dataclass(frozen=True)
 class ModelClass:
-    """Candidate laws of the joints: f(z) = sum of terms at each joint, whose parameters are theta times their scales.
+    """Candidate laws of the joints: the sum of terms at each joint, whose parameters are theta times their scales.
 
     Joints that share a term have the same values of it; a class with one term for several joints and a class with a
     term for each of them are different classes.
 
     Args:
         name: the name of the class.
-        terms: the terms; those of one kind are at different joints.
+        terms: the terms, springs and then dampers, at least one spring; those of one kind are at different joints.
         factors: factors of the linear stiffness that are unknown, too; none where the structure is taken as it is.
+        ratios: damping ratios of modes that are unknown, too; none where no force tells them.
 
     Raises:
-        InputError: no term, no unknown parameter, or two terms of one kind at a joint.
+        InputError: no spring, no unknown parameter, or two terms of one kind at a joint.
 
     >>> cubic = ModelClass("class 2", (UncertainTerm("cubic_stiffness", (6.8e7,), (Prior("uniform", 0, 10),)),))
     >>> cubic.law("front", [1.58]).parameters
@@ -267,10 +329,12 @@ class ModelClass:
     name: str
     terms: tuple[UncertainTerm, ...]
     factors: tuple[StiffnessFactor, ...] = ()
+    ratios: tuple[DampingRatio, ...] = ()
 
     def __post_init__(self) -> None:
-        if not self.terms:
-            raise InputError(f"class {self.name!r} has no term: give at least one law")
+        object.__setattr__(self, "terms", tuple(sorted(self.terms, key=lambda each: each.is_damper)))
+        if not self.springs:
+            raise InputError(f"class {self.name!r} has no spring: give at least one law that moves the frequencies")
         if not self.law_parameters:
             raise InputError(f"class {self.name!r} has no unknown parameter: give one a prior")
         for number, one in enumerate(self.terms):
@@ -280,18 +344,28 @@ class ModelClass:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kind of each term."""
-        return tuple(each.kind for each in self.terms)
+        """The kind of each spring."""
+        return tuple(each.kind for each in self.springs)
 
     @property
     def joints(self) -> tuple[tuple[str, ...], ...]:
-        """The joints of each term; empty for a term of all joints."""
-        return tuple(each.joints for each in self.terms)
+        """The joints of each spring; empty for one of all joints."""
+        return tuple(each.joints for each in self.springs)
 
     @property
-    def parameters(self) -> tuple[ClassParameter | StiffnessFactor, ...]:
-        """The unknown parameters, in the order of theta: those of the laws, then the factors."""
-        return (*self.law_parameters, *self.factors)
+    def springs(self) -> tuple[UncertainTerm, ...]:
+        """The terms that move the frequencies."""
+        return tuple(each for each in self.terms if not each.is_damper)
+
+    @property
+    def dampers(self) -> tuple[UncertainTerm, ...]:
+        """The terms that lose energy."""
+        return tuple(each for each in self.terms if each.is_damper)
+
+    @property
+    def parameters(self) -> tuple[OneParameter, ...]:
+        """The unknown parameters, in the order of theta: of springs, of dampers, damping ratios, then the factors."""
+        return (*self.law_parameters, *self.ratios, *self.factors)
 
     @cached_property
     def law_parameters(self) -> tuple[ClassParameter, ...]:
@@ -302,6 +376,11 @@ class ModelClass:
             for index, prior in enumerate(term.priors)
             if prior is not None
         )
+
+    @property
+    def n_spring_parameters(self) -> int:
+        """Number of unknown parameters of springs, the first of theta."""
+        return sum(not each.term.is_damper for each in self.law_parameters)
 
     @property
     def is_unknown(self) -> NDArray[np.bool_]:
@@ -321,7 +400,7 @@ class ModelClass:
     @property
     def law_in_words(self) -> str:
         """The law in short words: "cubic + quintic", "cubic at front + quadratic at rear"."""
-        return " + ".join(f"{short_kind(each.kind)}{_say_where(each)}" for each in self.terms)
+        return " + ".join(each.words for each in self.terms)
 
     @property
     def n_parameters(self) -> int:
@@ -334,6 +413,9 @@ class ModelClass:
         if isinstance(changed, StiffnessFactor):
             factors = (replace(each, prior=prior) if each is changed else each for each in self.factors)
             return replace(self, factors=tuple(factors))
+        if isinstance(changed, DampingRatio):
+            ratios = (replace(each, prior=prior) if each is changed else each for each in self.ratios)
+            return replace(self, ratios=tuple(ratios))
         at = changed.index
         priors = (*changed.term.priors[:at], prior, *changed.term.priors[at + 1 :])
         terms = (replace(each, priors=priors) if each is changed.term else each for each in self.terms)
@@ -361,13 +443,17 @@ class ModelClass:
         """Logarithm of the prior density of each row of theta, (n, n_parameters) -> (n,)."""
         rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         total = np.sum([prior.log_density(rows[:, k]) for k, prior in enumerate(self.priors)], axis=0)
-        # A factor of stiffness is positive, whatever its prior.
+        # A factor of stiffness and a damping ratio are positive, whatever their priors.
         is_stiff = (rows[:, len(self.law_parameters) :] > 0).all(axis=1)
         return np.where(is_stiff, total, -np.inf)
 
     def sample_prior(self, n: int, rng: np.random.Generator) -> FloatArray:
         """(n, n_parameters) independent draws."""
         return np.stack([prior.sample(n, rng) for prior in self.priors], axis=1)
+
+
+OneParameter = ClassParameter | DampingRatio | StiffnessFactor
+"""One unknown parameter of a class."""
 
 
 def group_joints(classes: Sequence[ModelClass], joints: Sequence[str]) -> list[tuple[str, ...]]:
@@ -382,11 +468,6 @@ def group_joints(classes: Sequence[ModelClass], joints: Sequence[str]) -> list[t
     for joint in joints:
         groups.setdefault(tuple(term.acts_at(joint) for each in classes for term in each.terms), []).append(joint)
     return [tuple(each) for each in groups.values()]
-
-
-def _say_where(term: UncertainTerm) -> str:
-    """Return at which joints a term acts, "" for all."""
-    return f" at {', '.join(term.joints)}" if term.joints else ""
 
 
 def short_kind(kind: str) -> str:

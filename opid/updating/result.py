@@ -15,7 +15,7 @@ from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone, Place, by_mode
-from opid.updating.model_class import ClassParameter, ModelClass, StiffnessFactor
+from opid.updating.model_class import ModelClass, OneParameter
 from opid.updating.sampling.chains import Chain, Diagnostics
 from opid.updating.sampling.evidence import Evidence
 from opid.updating.settings import UPDATING
@@ -67,7 +67,7 @@ class ClassPosterior:
         return [f"θ{number} ({each.words})" for number, each in enumerate(self.model_class.parameters, start=1)]
 
     @property
-    def coefficients(self) -> dict[ClassParameter | StiffnessFactor, Estimate]:
+    def coefficients(self) -> dict[OneParameter, Estimate]:
         """Each unknown parameter in its unit, theta times its scale."""
         of_theta = zip(self.model_class.parameters, self.estimates.values(), strict=True)
         return {each: _scale_estimate(estimate, each.scale) for each, estimate in of_theta}

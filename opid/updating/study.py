@@ -91,6 +91,9 @@ class UpdatingStudy(UpdatingSettings):
         linear_classes: sets of these factors by a name, of which phase I chooses one by its evidence; a factor that a
             set leaves out stays at 1. All factors are updated where there is no set.
         noise: settings for the errors of the backbones.
+        damping: damping ratio of each measured mode of the structure without its joints, by its number: a number where
+            it is known, else its prior. With it, the force of the backbones tells the damping; without any it is not
+            used.
         places: where the sensors are, by their names, for the figures of shapes; all of them, or none.
         source: the study file, if there is one.
 
@@ -107,11 +110,12 @@ class UpdatingStudy(UpdatingSettings):
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     source: Path | None = None
     places: Mapping[str, Place] = field(default_factory=dict)
+    damping: Mapping[int, float | Prior] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("backbones", "classes", "harmonics"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        for name in ("parameters", "places"):
+        for name in ("parameters", "places", "damping"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         sets = {name: tuple(factors) for name, factors in self.linear_classes.items()}
         object.__setattr__(self, "linear_classes", MappingProxyType(sets))
@@ -141,6 +145,7 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
         yield "joint is true and no parameter of the structure is named, name those to update with the laws"
     elif study.is_joint and study.form != "recommended":
         yield f"joint is true in the form {study.form!r}, take the recommended form, which knows the errors it needs"
+    yield from _find_damping_faults(study)
     known_joints = tuple(study.structure.joints)
     for each in study.classes:
         for joint in dict.fromkeys(joint for term in each.terms for joint in term.joints):
@@ -185,6 +190,32 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
     if not study.setting_faults:  # a wrong list of harmonics is among these
         yield from _find_harmonic_faults(study)
     yield from _find_scatter_faults(study)
+
+
+def _find_damping_faults(study: UpdatingStudy) -> Iterator[str]:
+    """Yield what is missing for the damping, or does not belong together."""
+    driven = sorted({one.mode for one in study.backbones if one.force_n is not None})
+    dampers = [each.name for each in study.classes if each.dampers]
+    if dampers and not study.damping:
+        yield f"class {dampers[0]!r} has a damper, name the damping ratio of each mode with a force: damping"
+    if not study.damping:
+        return
+    if study.form != "recommended":
+        yield f"damping ratios are named in the form {study.form!r}, take the recommended form"
+    if study.sampler == "nuts":
+        yield "damping ratios are named and the sampler is 'nuts', which has no slopes of the force, take 'adaptive'"
+    if not driven:
+        yield "damping ratios are named and no backbone has a force, name the drive point of those that have one"
+    for mode in study.damping:
+        if driven and mode not in driven:
+            yield f"the damping ratio of mode {mode} is named, and a force is known of {driven}, name these"
+    for mode in driven:
+        if mode not in study.damping:
+            yield f"backbones of mode {mode} have a force and it has no damping ratio, name one, or leave 'drive' out"
+    for mode, ratio in study.damping.items():
+        high = 1.0 if isinstance(ratio, Prior) else ratio
+        if not 0.0 < high <= 1.0 or (isinstance(ratio, Prior) and not ratio.support[1] > 0.0):
+            yield f"the damping ratio of mode {mode} is {ratio}, give a number between 0 and 1, or a prior of one"
 
 
 def _find_place_faults(study: UpdatingStudy) -> Iterator[str]:

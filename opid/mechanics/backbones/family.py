@@ -97,6 +97,13 @@ def join_families(families: Sequence[BackboneFamily]) -> BackboneFamily:
     )
 
 
+def take_samples(family: BackboneFamily, samples: ArrayLike) -> BackboneFamily:
+    """Return some samples of a family, by their indices, as a family."""
+    taken = np.asarray(samples)
+    names = ("eigenvalue", "shapes", "converged", "extension")
+    return replace(family, **{name: getattr(family, name)[taken] for name in names})
+
+
 def backbone(
     system: JointedModes,
     law: Law | Sequence[Law],

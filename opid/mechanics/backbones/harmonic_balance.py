@@ -71,6 +71,12 @@ def is_odd(terms: Sequence[Term]) -> bool:
     )
 
 
+def depends_on_rate(term: Term) -> bool:
+    """Return whether the force of a term depends on the rate of the extension."""
+    at_rest, moving = (term.evaluate(TRIED_M, np.full(TRIED_M.size, rate))[0] for rate in (0.0, 0.1))
+    return not np.array_equal(at_rest + 0.0 * TRIED_M, moving + 0.0 * TRIED_M)
+
+
 def refuse_velocity(terms: Sequence[Term]) -> None:
     """Refuse terms that are not springs, because a backbone is a free motion that neither grows nor decays.
 
@@ -78,8 +84,7 @@ def refuse_velocity(terms: Sequence[Term]) -> None:
         InputError: a term depends on the rate.
     """
     for term in terms:
-        at_rest, moving = (term.evaluate(TRIED_M, np.full(TRIED_M.size, rate))[0] for rate in (0.0, 0.1))
-        if not np.array_equal(at_rest + 0.0 * TRIED_M, moving + 0.0 * TRIED_M):
+        if depends_on_rate(term):
             raise InputError(f"{term.name} depends on the rate of the extension: give springs, which backbones need")
 
 

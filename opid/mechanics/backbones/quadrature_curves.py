@@ -21,6 +21,8 @@ from opid.mechanics.rig import Shaker
 from opid.mechanics.structure import ComplexArray
 
 _SAMPLES = 128
+# rate of a joint at which its damping is linear, m/s
+_SLOW = 1e-9
 # number of frequencies among which quadrature of the linear structure is searched
 _N_SCANNED = 6001
 # fraction of the largest extension by which a solution may differ from its prediction
@@ -79,6 +81,23 @@ class Specimen:
     def modal_damping(self) -> FloatArray:
         """(n_modes,) 2 zeta_i omega_i, 1/s."""
         return 2.0 * self.zeta * np.sqrt(np.maximum(self.system.eigenvalue, 0.0))
+
+    def find_linear_response(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return the modal coordinates for a unit force at small motions, (..., n_modes), for frequencies (...)."""
+        omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
+        receptance = 1.0 / (self.system.eigenvalue - omega**2 + 1j * omega * self.modal_damping)
+        slow = np.array([law.force(0.0, _SLOW) / _SLOW for law in self.joint_laws])
+        damped = np.flatnonzero(slow)
+        free = np.asarray(receptance * self.drive_row, dtype=np.complex128)
+        if not damped.size:
+            return free
+        # The dampers of the joints pull back on the motion of the modes without them.
+        psi = self.system.at_joints[damped]
+        between = np.einsum("ji,...i,ki->...jk", psi, receptance, psi)
+        resisting = 1j * omega[..., None] * slow[damped][:, None]
+        pulled = resisting * (free @ psi.T)[..., None]
+        force = np.linalg.solve(np.eye(damped.size) + resisting * between, pulled)
+        return np.asarray(free - receptance * (force[..., 0] @ psi), dtype=np.complex128)
 
     @property
     def drive_row(self) -> FloatArray:
@@ -269,13 +288,11 @@ def _follow(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | N
 
 def _find_linear_quadrature(specimen: Specimen, linear_hz: float, column: int, widest_fraction: float) -> float | None:
     """Return the linear frequency of quadrature of a sensor, Hz, that is nearest to a mode; None without one."""
-    system, shapes = specimen.system, specimen.system.at_sensors[column] * specimen.drive_row
+    shape = specimen.system.at_sensors[column]
 
     def in_phase(shift: ArrayLike) -> FloatArray:
-        omega = 2.0 * np.pi * linear_hz * (1.0 + np.asarray(shift))[..., None]
-        stiffness = system.eigenvalue - omega**2
-        damping = omega * specimen.modal_damping
-        return np.asarray((shapes * stiffness / (stiffness**2 + damping**2)).sum(axis=-1))
+        response = specimen.find_linear_response(linear_hz * (1.0 + np.asarray(shift)))
+        return np.asarray((response @ shape).real)
 
     shifts = np.linspace(-widest_fraction, widest_fraction, _N_SCANNED)
     values = in_phase(shifts)
@@ -330,8 +347,7 @@ class _Balance:
 
     def linear_motion(self) -> FloatArray:
         """Return the unknowns in the limit of zero amplitude, where only the force moves the structure."""
-        system, omega = self.specimen.system, 2.0 * np.pi * self.frequency_hz
-        q = self.specimen.drive_row / (system.eigenvalue - omega**2 + 1j * omega * self.specimen.modal_damping)
+        system, q = self.specimen.system, self.specimen.find_linear_response(self.frequency_hz)
         stiffness = 1.0 / abs(q @ system.at_sensors[self.columns[1]])
         z = np.zeros((len(self.numbers), len(system.joints)), dtype=complex)
         z[self.numbers.index(1)] = system.at_joints @ q * stiffness

@@ -13,6 +13,7 @@ from opid.errors import InputError, nearest
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
 from opid.updating.checks import joint_fault, sensor_faults
+from opid.updating.likelihood.force import ForceData
 from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, draw_set
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.structure.factored_modes import FactoredModes
@@ -84,6 +85,7 @@ class BackboneData:
         noise: settings for the errors.
         structure: the same structure as a function of the factors of its stiffness, for classes whose parameters they
             are; None where it is known.
+        force: the work of the force, which tells the damping; None where it is not used.
     """
 
     system: JointedModes
@@ -92,6 +94,7 @@ class BackboneData:
     harmonics: tuple[int, ...]
     noise: NoiseSettings
     structure: FactoredModes | None = None
+    force: ForceData | None = None
 
 
 def backbone_data(

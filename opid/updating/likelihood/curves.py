@@ -6,14 +6,21 @@ The model's curves run smoothly past interactions of modes, and gaps in them are
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import NotDeterminedError
-from opid.mechanics.backbones.family import BackboneFamily, FamilyEvaluator, family_evaluator, join_families
+from opid.mechanics.backbones.dissipation import PlacedTerm, find_loss
+from opid.mechanics.backbones.family import (
+    BackboneFamily,
+    FamilyEvaluator,
+    family_evaluator,
+    join_families,
+    take_samples,
+)
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, IntArray, ModeData
@@ -47,14 +54,21 @@ def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likeliho
     def likelihood(theta: ArrayLike) -> tuple[FloatArray, int]:
         rows = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         total, impossible, failed = np.zeros(len(rows)), np.zeros(len(rows), dtype=bool), 0
+        losses = []
         for mode, curves in models:
-            eigenvalue, shapes, missing, lost = curves(rows)
+            found = curves.solve(rows)
+            eigenvalue, shapes, missing, lost = curves.complete(found)
+            if data.force is not None:
+                losses.append(curves.find_losses(rows, found))
             if data.form == "recommended":
                 total += weigh_as_recommended(mode, eigenvalue, shapes)
             else:
                 total += _weigh_as_in_paper(data, mode, eigenvalue, shapes)
             impossible |= lost
             failed += int(missing.sum())
+        if data.force is not None:
+            # What is lost may hold any finite numbers.
+            total += log_marginal(data.force.noise, np.nan_to_num(np.concatenate(losses, axis=1))[..., None])
         return np.where(impossible, -np.inf, total), failed
 
     return likelihood
@@ -169,8 +183,29 @@ class ModeCurves:
 
     def __call__(self, theta: FloatArray) -> Curves:
         """Return the curves for each row of theta."""
-        found = [solve(theta) for solve in self.solvers]
+        return self.complete(self.solve(theta))
+
+    def solve(self, theta: FloatArray) -> list[BackboneFamily]:
+        """Return the backbones at the nodes of each controlled sensor, which may have gaps."""
+        return [solve(theta) for solve in self.solvers]
+
+    def complete(self, found: list[BackboneFamily]) -> Curves:
+        """Return the curves of backbones that were found, with their gaps bridged."""
         return self._complete(found, [_join(each.eigenvalue, each.shapes[..., self.mode.rows]) for each in found])[0]
+
+    def find_losses(self, theta: FloatArray, found: list[BackboneFamily]) -> FloatArray:
+        """Return the logarithm of the work of the force over pi A^2, N/m, at all nodes, (n, n_nodes).
+
+        A is the amplitude of the controlled sensor; a curve that cannot be bridged is nan.
+        """
+        parts = []
+        for solve, each in zip(self.solvers, found, strict=True):
+            values = np.log(solve.find_loss(theta, each) / (np.pi * each.amplitude**2))
+            for row in np.flatnonzero(~each.converged.all(axis=1)):
+                bridged = _bridge_gaps(values[row][:, None], each.amplitude, each.converged[row])
+                values[row] = np.nan if bridged is None else bridged[:, 0]
+            parts.append(values)
+        return np.concatenate(parts, axis=1)
 
     def find_slopes(self, theta: FloatArray) -> tuple[Curves, FloatArray, FloatArray]:
         """Return the curves, and their derivatives (n, n_nodes, d) and (n, n_nodes, n_sensors, d) by theta."""
@@ -238,7 +273,7 @@ class ClassSolver:
 
     def __call__(self, theta: FloatArray) -> BackboneFamily:
         """Return the backbones for each row of theta."""
-        coefficients = self.model_class.coefficients(theta)
+        coefficients = self._find_spring_coefficients(theta)
         if self.data.structure is None:
             return self.evaluate(coefficients)
         families = []
@@ -246,6 +281,43 @@ class ClassSolver:
             placed = self._place(factors)
             families.append(self.evaluate.without_solution() if placed is None else placed[0](row[np.newaxis]))
         return join_families(families)
+
+    def find_loss(self, theta: FloatArray, found: BackboneFamily) -> FloatArray:
+        """Return the energy that the structure loses in a cycle of backbones that were found, J, (n, n_points)."""
+        springs, dampers = self._place_terms(theta)
+        ratio = self._find_ratio(theta)
+        if self.data.structure is None:
+            return find_loss(found, self.evaluate.system, springs, dampers, ratio)
+        rows = []
+        for row, factors in enumerate(self._split_off_factors(theta)):
+            placed, one = self._place(factors), [row]
+            if placed is None:
+                rows.append(np.full((1, found.amplitude.size), np.nan))
+                continue
+            of_row = [[replace(term, values=term.values[one]) for term in terms] for terms in (springs, dampers)]
+            rows.append(find_loss(take_samples(found, one), placed[0].system, of_row[0], of_row[1], ratio[one]))
+        return np.concatenate(rows)
+
+    def _place_terms(self, theta: FloatArray) -> tuple[list[PlacedTerm], list[PlacedTerm]]:
+        """Return springs and dampers with their parameters, for each row of theta."""
+        values, first = self.model_class.coefficients(theta), 0
+        placed = []
+        for term in self.model_class.terms:
+            last = first + len(term.scales)
+            is_there = np.array([term.acts_at(joint) for joint in self.evaluate.system.joints])
+            placed.append(PlacedTerm(term.kind, values[:, first:last], is_there))
+            first = last
+        n_springs = len(self.model_class.springs)
+        return placed[:n_springs], placed[n_springs:]
+
+    def _find_ratio(self, theta: FloatArray) -> FloatArray:
+        """Return the damping ratio of the modes for each row of theta, (n,)."""
+        mode, first = self.evaluate.mode, len(self.model_class.law_parameters)
+        for number, each in enumerate(self.model_class.ratios, start=first):
+            if each.mode == mode:
+                return theta[:, number]
+        assert self.data.force is not None
+        return np.full(len(theta), self.data.force.known_ratios[mode])
 
     def find_slopes(
         self, theta: FloatArray, couplings: FloatArray | None = None
@@ -274,13 +346,22 @@ class ClassSolver:
     def _find_slopes(
         self, evaluate: FamilyEvaluator, theta: FloatArray, couplings: FloatArray | None
     ) -> tuple[BackboneFamily, FloatArray, FloatArray]:
-        coefficients, n_linear = self.model_class.coefficients(theta), 0 if couplings is None else len(couplings)
+        coefficients, n_linear = self._find_spring_coefficients(theta), 0 if couplings is None else len(couplings)
         found = evaluate(coefficients)
         slopes = evaluate.find_slopes(coefficients, found, () if couplings is None else couplings)
-        kept = np.append(self.model_class.is_unknown, np.ones(n_linear, dtype=bool))
-        scales = np.append(self.model_class.scales, np.ones(n_linear))
-        by_value, by_shape = (each[..., kept] * scales for each in slopes)
+        n_coefficients, n_springs = coefficients.shape[1], self.model_class.n_spring_parameters
+        kept = np.append(self.model_class.is_unknown[:n_coefficients], np.ones(n_linear, dtype=bool))
+        scales = np.append(self.model_class.scales[:n_springs], np.ones(n_linear))
+        # Dampers and damping ratios move no backbone.
+        idle = np.zeros(self.model_class.n_parameters - n_springs - len(self.model_class.factors))
+        by_value, by_shape = (
+            np.insert(each[..., kept] * scales, [n_springs] * idle.size, 0.0, axis=-1) for each in slopes
+        )
         return found, by_value, by_shape
+
+    def _find_spring_coefficients(self, theta: FloatArray) -> FloatArray:
+        n_columns = sum(len(each.scales) for each in self.model_class.springs)
+        return self.model_class.coefficients(theta)[:, :n_columns]
 
     def _split_off_factors(self, theta: FloatArray) -> FloatArray:
         return theta[:, theta.shape[1] - len(self.model_class.factors) :]
@@ -320,8 +401,8 @@ def make_solver(
     """
     met = MetModes(np.empty(0, dtype=np.int64), 0.0) if is_whole else find_met_modes(data, mode)
     evaluate = family_evaluator(
-        met.remove_from(data.system), model_class.kinds, mode=mode.mode, sensor=sensor, amplitude=amplitude,
-        harmonics=data.harmonics, joints=model_class.joints,
+        met.remove_from(data.system), model_class.kinds, mode=mode.mode, sensor=sensor,
+        amplitude=amplitude, harmonics=data.harmonics, joints=model_class.joints,
     )  # fmt: skip
     return ClassSolver(model_class, evaluate, data, met)
 

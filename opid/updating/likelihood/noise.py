@@ -52,6 +52,13 @@ class NoiseSettings:
         shape_noise: expected error of a measured shape of unit length at each sensor; it counts as much as one point.
         shape_offset: expected offset of the shapes of a curve at each sensor; the actual offset is inferred.
         shapes: whether the shapes are used at all.
+        force_error: standard deviation of the relative error that the work of the force has at all points: calibration
+            of force and motion.
+        energy_error: standard deviation of the relative error of the energy that the model loses in a mode at an
+            amplitude, for its shape has an error.
+        force_noise: expected relative error of the work of the force at a point; it counts as much as one point.
+        force_offset: expected relative offset of the work along a curve (a phase that is not that of the mode); the
+            actual offset is inferred.
 
     Raises:
         InputError: a number that is not positive; the two growths may be 0.
@@ -69,6 +76,10 @@ class NoiseSettings:
     shape_noise: float = 0.003
     shape_offset: float = 0.003
     shapes: bool = True
+    force_error: float = 0.02
+    energy_error: float = 0.01
+    force_noise: float = 0.005
+    force_offset: float = 0.01
 
     def __post_init__(self) -> None:
         given = vars(self) | {f"cov of mode {mode}": value for mode, value in (self.cov or {}).items()}
@@ -120,7 +131,7 @@ class CurveNoise:
     constant: FloatArray  # (n_ratios,) part of the log density that depends on neither model nor data
     common_variance: float  # prior variance of every b in its own unit
     common_scale: float  # unit of b_1
-    # (1 + n_patterns, n) growth h, ascending, and the patterns of the other common errors there
+    # (1 + n_patterns, n_points) growth h of each point, and the patterns of the other common errors there
     patterns: FloatArray
     own_growth: float  # standard deviation of p_c over sigma
     expected: FloatArray  # (n_channels,) scale of the prior of sigma^2
@@ -176,7 +187,7 @@ def curve_noise(
     outside = ((values - basis @ rotated) ** 2).sum(axis=0)
     return CurveNoise(
         rotated, basis.T @ between, outside, n_points, shrink, common.reshape(len(shrink), -1), precision.T, turn,
-        constant, common_std**2, scale, np.column_stack([growth, others])[np.argsort(growth)].T, own_growth,
+        constant, common_std**2, scale, np.column_stack([growth, others]).T, own_growth,
         np.full(values.shape[1], OWN_WEIGHT * expected**2), offset,
     )  # fmt: skip
 
@@ -248,8 +259,9 @@ def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: n
     points = np.sqrt(sigma2)[:, None] * rng.standard_normal(growth.shape)
     centred = growth - growth.mean(axis=1, keepdims=True)
     common = b[:, :1] + noise.common_scale * b[:, 1:2] * growth
-    for k, pattern in enumerate(noise.patterns[1:], start=2):
-        common = common + b[:, k : k + 1] * np.interp(growth, noise.patterns[0], pattern)
+    known = noise.patterns[:, np.argsort(noise.patterns[0])]
+    for k, pattern in enumerate(known[1:], start=2):
+        common = common + b[:, k : k + 1] * np.interp(growth, known[0], pattern)
     return common + offset[:, None] + slope[:, None] * centred + points
 
 
@@ -271,8 +283,7 @@ def draw_set(
     channels = np.arange(len(each))
     ratio = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
     sigma = np.sqrt(rate[channels, ratio] / rng.gamma(_find_gamma_shape(noise), size=channels.size))
-    others = [np.interp(growth, noise.patterns[0], pattern) for pattern in noise.patterns[1:]]
-    patterns = np.column_stack([np.ones_like(growth), noise.common_scale * growth, *others])
+    patterns = np.column_stack([np.ones_like(growth), noise.common_scale * growth, *noise.patterns[1:]])
     common = patterns @ (np.sqrt(noise.common_variance) * rng.standard_normal((patterns.shape[1], channels.size)))
     of_curve = np.eye(int(curve[-1]) + 1)[curve]
     centred = growth - of_curve @ ((of_curve.T @ growth) / of_curve.sum(axis=0))

@@ -94,11 +94,19 @@ def virtual_backbones(
             "drive the structure where the mode moves more, or with less damping",
             tuple(curves),
         )
-    return tuple(convert_curve(curve) for curve in whole)
+    return tuple(convert_curve(curve, specimen.drive) for curve in whole)
 
 
-def convert_curve(curve: MeasuredCurve) -> MeasuredBackbone:
-    """Return the levels of a curve that converged, as data for updating; InputError where they are too few."""
+def convert_curve(curve: MeasuredCurve, drive: str) -> MeasuredBackbone:
+    """Return the levels of a curve that converged, as data for updating.
+
+    Args:
+        curve: the curve.
+        drive: the sensor at which the force acts.
+
+    Raises:
+        InputError: too few levels converged.
+    """
     kept = np.flatnonzero(curve.converged)
     if kept.size:
         # The amplitude is met within a tolerance, so levels that lie close could cross.
@@ -111,7 +119,15 @@ def convert_curve(curve: MeasuredCurve) -> MeasuredBackbone:
         frequency_hz=curve.frequency_hz[kept],
         amplitude=curve.amplitude[kept],
         sensors=curve.sensors,
+        drive=drive,
+        force_n=_find_force_in_quadrature(curve)[kept],
     )
+
+
+def _find_force_in_quadrature(curve: MeasuredCurve) -> FloatArray:
+    """Return the part of the force that is in quadrature with the controlled sensor, (n,), N."""
+    held = curve.harmonics[:, curve.sensors.index(curve.controlled_sensor), 0]
+    return np.asarray(np.abs((curve.force[:, 0] * held.conj()).imag) / np.abs(held))
 
 
 def synthetic_backbones(

@@ -1,0 +1,107 @@
+"""The force of tests at phase resonance, which is as large as the damping of the structure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from opid.errors import InputError
+from opid.signals.recording import FloatArray
+from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, draw_set
+from opid.updating.measured import MeasuredBackbone, by_mode
+
+
+@dataclass(frozen=True, eq=False)
+class ForceData:
+    """The measured work of the force, ready to be compared with a model that is solved at the nodes of all modes.
+
+    The work of a cycle over pi A^2, force times motion of the drive point over the square of the controlled amplitude,
+    is the dynamic stiffness at resonance; its logarithm has errors of about the same size at all amplitudes.
+
+    Args:
+        noise: noise model of that logarithm. Calibration is an error that all modes have in common; the energy that the
+            model loses has another one in each mode.
+        place: the arguments of `curve_noise` that do not depend on the values.
+        known_ratios: damping ratio of the modes where it is known, by their numbers.
+    """
+
+    noise: CurveNoise
+    place: Mapping[str, Any]
+    known_ratios: Mapping[int, float]
+
+
+def force_data(
+    modes: Sequence[Any], measured: Sequence[MeasuredBackbone], noise: NoiseSettings, ratios: Mapping[int, float]
+) -> ForceData:
+    """Return the work of the force along all backbones that have one.
+
+    Args:
+        modes: the `ModeData` of the same backbones, in their order.
+        measured: the backbones, those of a mode one after the other.
+        noise: settings for the errors.
+        ratios: damping ratio of the modes where it is known, by their numbers.
+
+    Raises:
+        InputError: no backbone has a force.
+    """
+    curves_of = by_mode(measured)
+    n_nodes = [mode.between.shape[1] for mode in modes]
+    values, between, curve, growth, of_mode = [], [], [], [], []
+    n_curves, column = 0, 0
+    for number, (mode, width) in enumerate(zip(modes, n_nodes, strict=True)):
+        driven = [index for index, one in enumerate(curves_of[mode.mode]) if one.force_n is not None]
+        kept = np.isin(mode.curve, driven)
+        values += [_find_stiffness(curves_of[mode.mode][index]) for index in driven]
+        block = np.zeros((int(kept.sum()), sum(n_nodes)))
+        block[:, column : column + width] = mode.between[kept]
+        between.append(block)
+        curve.append(n_curves + np.searchsorted(driven, mode.curve[kept]))
+        growth.append(mode.growth[kept])
+        of_mode.append(np.full(int(kept.sum()), number))
+        n_curves, column = n_curves + len(driven), column + width
+    if not n_curves:
+        raise InputError("no backbone has a force: name the drive point of those that have a column of it")
+    numbers = np.unique(np.concatenate(of_mode), return_inverse=True)[1]
+    # Errors of the modes of one size are their mean, which adds to the calibration, and contrasts to the mean.
+    n_modes = int(numbers[-1]) + 1
+    common_std = float(np.hypot(noise.force_error, noise.energy_error / np.sqrt(n_modes)))
+    contrasts = np.linalg.qr(np.column_stack([np.ones(n_modes), np.eye(n_modes)[:, 1:]]))[0][:, 1:]
+    place = {
+        "between": np.concatenate(between),
+        "curve": np.concatenate(curve),
+        "growth": np.concatenate(growth),
+        "patterns": contrasts[numbers] * noise.energy_error / common_std,
+        "common_std": common_std,
+    }
+    return ForceData(_make_noise(np.log(np.concatenate(values)), place, noise), place, dict(ratios))
+
+
+def draw_force(data: ForceData, losses: FloatArray, noise: NoiseSettings, rng: np.random.Generator) -> ForceData:
+    """Return a force as it might have been measured, with errors like those that the measured one has.
+
+    Args:
+        data: the measured force.
+        losses: (n_nodes,) logarithm of the work of the true law over pi A^2 at the nodes of all modes.
+        noise: settings for the errors.
+        rng: source of chance.
+    """
+    place = data.place
+    values = draw_set(data.noise, losses[:, None], place["between"], place["curve"], place["growth"], rng)[:, 0]
+    return ForceData(_make_noise(values, place, noise), place, data.known_ratios)
+
+
+def _find_stiffness(one: MeasuredBackbone) -> FloatArray:
+    """Return the work of the force over pi A^2 at each point of a curve, N/m."""
+    assert one.force_n is not None
+    drive = np.abs(one.amplitude[:, one.sensors.index(one.drive)])
+    return one.force_n * drive / one.controlled_amplitude**2
+
+
+def _make_noise(values: FloatArray, place: Mapping[str, Any], noise: NoiseSettings) -> CurveNoise:
+    return curve_noise(
+        values[:, None], **place, common_growth=noise.growth_of_linear_error, own_growth=noise.curve_growth,
+        offset=noise.force_offset, expected=noise.force_noise,
+    )  # fmt: skip
