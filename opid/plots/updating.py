@@ -33,7 +33,7 @@ from opid.plots.style import (
 )
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone, Place
-from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, ModeShape, Updating
+from opid.updating.result import BackboneBand, ClassPosterior, DampingBand, LinearPosterior, ModeShape, Updating
 from opid.updating.structure.reduction import ReductionErrors
 
 _COLUMNS = 3
@@ -149,6 +149,37 @@ def predicted_backbones(
             if np.isfinite(band.coverage):
                 ax.set_title(f"sensor {band.sensor}: {100 * band.coverage:.0f} % within")
         thicken(grid[0, 0].legend(loc="upper left", fontsize=7.5, title=f"mode {mode}", title_fontsize=8))
+    return grid
+
+
+def effective_damping(bands: Sequence[DampingBand], axes: Any = None) -> np.ndarray:
+    """Draw the effective damping ratio of each mode over the amplitude, with 95 % bands, and the measured points.
+
+    Args:
+        bands: one panel each.
+        axes: as many Axes as panels, or None for a new figure.
+
+    Returns:
+        Axes, in rows of three; those without a band are empty.
+    """
+    with house_style():
+        grid = _make_grid(len(bands), axes)
+        for ax, band in zip(grid.ravel(), bands, strict=False):
+            factor, unit = _choose_length_unit(float(band.amplitude.max()))
+            along = factor * band.amplitude
+            ax.fill_between(
+                along, 100 * band.low, 100 * band.high, color=VERMILION, alpha=0.22, linewidth=0, label="95 % band"
+            )
+            ax.plot(along, 100 * band.damping_ratio, color=VERMILION, label="best class")
+            ax.plot(
+                factor * band.measured_amplitude, 100 * band.measured, color=INK, linestyle="none", marker=".",
+                markersize=3, alpha=0.6, label="measured force",
+            )  # fmt: skip
+            ax.set(
+                xlabel=f"amplitude at sensor {band.sensor} [{unit}]", ylabel="damping ratio [%]",
+                title=f"mode {band.mode}", ylim=(0.0, None),
+            )  # fmt: skip
+        grid[0, 0].legend()
     return grid
 
 

@@ -28,7 +28,7 @@ from opid.report.document import (
 from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.report.formulas import embed_formula
 from opid.report.sketch import sketch_joints
-from opid.updating.model_class import StiffnessFactor, group_joints
+from opid.updating.model_class import ClassParameter, StiffnessFactor, group_joints
 from opid.updating.result import ClassPosterior, LinearPosterior, ModeShape, Updating
 from opid.updating.sampling.chains import Diagnostics
 from opid.updating.sampling.evidence import Evidence
@@ -195,10 +195,11 @@ def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> 
     several = len(own.terms) > 1
     formulas: dict[tuple[str, ...], list[str]] = {}
     for number, term in enumerate(own.terms, start=1):
-        latex = LAWS[term.kind].latex.replace("k", f"k{number}", 1) if several else LAWS[term.kind].latex
+        formula = r"c\, \dot z" if term.is_linear_damper else LAWS[term.kind].latex
+        latex = formula.replace("k", f"k{number}", 1).replace("c", f"c{number}", 1) if several else formula
         formulas.setdefault(term.joints, []).append(latex)
     laws = (
-        embed_formula(f"f(z) = {' + '.join(each)}") + (f" at {', '.join(joints)}" if joints else "")
+        embed_formula(f"f = {' + '.join(each)}") + (f" at {', '.join(joints)}" if joints else "")
         for joints, each in formulas.items()
     )
     scales = (
@@ -209,8 +210,9 @@ def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> 
     true = find_true_theta(posterior, truth)
     of_theta = zip(posterior.estimates.items(), posterior.coefficients.items(), true, strict=True)
     for (name, estimate), (parameter, coefficient), value in of_theta:
-        if isinstance(parameter, StiffnessFactor):
-            yield build_estimate_row(parameter.words, "of nominal", estimate, value)
+        if not isinstance(parameter, ClassParameter):
+            unit = "of nominal" if isinstance(parameter, StiffnessFactor) else parameter.unit
+            yield build_estimate_row(parameter.words, unit, estimate, value)
             continue
         yield build_estimate_row(name, "1", estimate, value)
         known = None if value is None else value * parameter.scale + 0.0
@@ -426,6 +428,8 @@ def list_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figu
     predicted = sorted({band.mode for band in result.prediction})
     for mode in predicted:
         yield _build_predicted_figure(result, mode, is_first=mode == predicted[0])
+    if result.damping:
+        yield _build_damping_figure(result)
     for number, posterior in kept:
         if posterior.model_class.name != result.best_class:
             yield _build_samples_figure(number, posterior, truth, fold=_OTHERS)
@@ -571,6 +575,17 @@ def _build_predicted_figure(result: Updating, mode: int, *, is_first: bool) -> F
     )
 
 
+def _build_damping_figure(result: Updating) -> Figure:
+    return Figure(
+        "effective_damping",
+        "Damping over the amplitude",
+        "Energy that is lost in a cycle over 4 pi times the kinetic energy: of the best class with its 95 % band, and "
+        "by the work of the measured force. Points and class may differ by a factor that all points of a mode have in "
+        "common, the calibration of force and motion.",
+        lambda: plots.effective_damping(result.damping),
+    )
+
+
 def find_true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> list[float | None]:
     """Return the true value of each parameter of a class; None for all if the class lacks a part of the true law."""
     own = posterior.model_class
@@ -588,7 +603,7 @@ def find_true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> l
             held.add(terms.get(each.term.kind, missing).get(each.own.name))
         value = held.pop() if len(held) == 1 else None
         true.append(None if value is None else value / each.scale + 0.0)
-    return [*true, *(truth.linear.get(each.name) for each in own.factors)]
+    return [*true, *(None for _ in own.ratios), *(truth.linear.get(each.name) for each in own.factors)]
 
 
 def _draw_forces(result: Updating, truth: UpdatingTruth | None, joint: str) -> Any:

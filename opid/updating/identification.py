@@ -15,6 +15,7 @@ from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
 from opid.updating.checks import warn_of_overlaps
 from opid.updating.confusion import find_confusion
+from opid.updating.damping_prediction import predict_damping
 from opid.updating.likelihood.backbones import (
     BackboneData,
     ModeData,
@@ -81,6 +82,8 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _predict(study, data, best)
+    chance = np.random.default_rng([study.seed, 5])
+    damping = () if data.force is None else predict_damping(data, best, study.backbones, rng=chance)
     confusion = None
     if study.n_confused:
         say("confusion of classes")
@@ -117,6 +120,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         confusion=confusion,
         linear_classes=tuple(linear_classes) if len(linear_classes) > 1 else (),
         places=study.places,
+        damping=damping,
     )
 
 

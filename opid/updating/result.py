@@ -198,6 +198,31 @@ class BackboneBand:
 
 
 @dataclass(frozen=True, eq=False)
+class DampingBand:
+    """Effective damping ratio of one mode over the amplitude of one sensor by the best class, with its 95 % band.
+
+    Args:
+        mode: number of the mode, from 1.
+        sensor: name of that sensor.
+        amplitude: (n,) amplitudes, m.
+        damping_ratio: (n,) median of the energy that is lost in a cycle over 4 pi times the kinetic energy.
+        low: (n,) lower end of the 95 % band.
+        high: (n,) upper end of the 95 % band.
+        measured_amplitude: (n_points,) amplitude of each point of all curves, m.
+        measured: (n_points,) the same ratio there, by the work of the measured force.
+    """
+
+    mode: int
+    sensor: str
+    amplitude: FloatArray
+    damping_ratio: FloatArray
+    low: FloatArray
+    high: FloatArray
+    measured_amplitude: FloatArray
+    measured: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Confusion:
     """How often each class would be chosen from such data, if one of them were true.
 
@@ -235,6 +260,7 @@ class Updating(Result):
         reductions: differences of the reduced structure from the whole one, those of the reduction in use first; empty
             where the structure was not reduced or the comparison was not made.
         places: where the sensors are, by their names; empty where the study does not say it.
+        damping: effective damping of each mode with a force, by the best class; empty where no force is used.
     """
 
     title: str
@@ -252,6 +278,7 @@ class Updating(Result):
     confusion: Confusion | None = None
     linear_classes: tuple[LinearPosterior, ...] = ()
     places: Mapping[str, Place] = field(default_factory=dict)
+    damping: tuple[DampingBand, ...] = ()
 
     @property
     def mode_shapes(self) -> tuple[ModeShape, ...]:
@@ -344,6 +371,7 @@ class Updating(Result):
                 "reduction_free": free,
                 "measured": [_convert_curve(curve) for curve in self.measured],
                 "prediction": [asdict(band) for band in self.prediction],
+                "damping": [asdict(band) for band in self.damping],
                 "confusion": None if self.confusion is None else asdict(self.confusion),
             }
         )
@@ -367,6 +395,7 @@ def _convert_class(posterior: ClassPosterior) -> dict[str, Any]:
         "law": own.law_in_words,
         "terms": [asdict(term) for term in own.terms],
         "factors": [asdict(factor) for factor in own.factors],
+        "ratios": [asdict(ratio) for ratio in own.ratios],
         "log_evidence": first.log_evidence,
         "log_evidence_std": first.std,
         "evidences": [asdict(evidence) for evidence in posterior.evidences],
@@ -401,7 +430,8 @@ def _convert_linear(linear: LinearPosterior) -> dict[str, Any]:
 def _convert_curve(curve: MeasuredBackbone) -> dict[str, Any]:
     as_they_are = ("name", "mode", "controlled_sensor", "frequency_hz")
     amplitude = dict(zip(curve.sensors, curve.amplitude.T, strict=True))
-    return {**{name: getattr(curve, name) for name in as_they_are}, "amplitude": amplitude}
+    force = {"drive": curve.drive or None, "force_n": curve.force_n}
+    return {**{name: getattr(curve, name) for name in as_they_are}, "amplitude": amplitude, **force}
 
 
 def _convert_estimate(estimate: Estimate) -> dict[str, Any]:

@@ -77,6 +77,9 @@ class UpdatingThresholds:
     rare: float = 1e-3
     # fraction of the measured growth of lambda; many curves may show a smaller misfit, but it does no harm
     least_misfit: float = 0.05
+    # rms error of the force over the amplitude, as a fraction, that calibration and noise do not explain: dampers of
+    # another kind miss it by more
+    least_force_misfit: float = 0.03
     # fraction of that growth that a class may leave unexplained where curves are too short to show their noise
     most_unexplained: float = 0.3
     # degrees of freedom with which the expected scatter between curves counts beside the observed one

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.estimate import Estimate, format_percent
 from opid.signals.recording import FloatArray
@@ -17,6 +18,7 @@ from opid.updating.likelihood.curves import (
     make_curves,
     residuals,
 )
+from opid.updating.likelihood.force import ForceData
 from opid.updating.model_class import ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior
 from opid.updating.sampling.chains import Chain, Diagnostics, find_pressures
@@ -67,6 +69,8 @@ def warn_of_class(
         yield f"theta_{pressure.parameter} {pressure.sentence}"
     misfits = lack_of_fit(data, model_class, best)
     yield from warn_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
+    if data.force is not None:
+        yield from warn_of_force(force_misfit(data, data.force, model_class, best))
     near = chain.thinned(UPDATING.n_checked)
     far = best + UPDATING.far_out * (near - best)
     far = np.concatenate([best[None], far[np.isfinite(model_class.log_prior(far))]])
@@ -165,6 +169,40 @@ def warn_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[st
         )
 
 
+def warn_of_force(misfits: Sequence[LackOfFit]) -> Iterator[str]:
+    """Yield at most one sentence, on a misfit to the force of a mode alike in all curves, large and not by chance."""
+    rare = [each for each in misfits if each.probability < UPDATING.rare / len(misfits)]
+    worst = max(rare, key=lambda each: each.fraction, default=None)
+    if worst is not None and worst.fraction > UPDATING.least_force_misfit:
+        yield (
+            f"with the best parameters the force of mode {worst.mode} is {100 * worst.fraction:.0f} % (rms) off over "
+            "the amplitude, alike in all curves: these dampers do not lose the measured energy, do not use their "
+            "intervals"
+        )
+
+
+def force_misfit(data: BackboneData, force: ForceData, model_class: ModelClass, theta: FloatArray) -> list[LackOfFit]:
+    """Return the misfit of theta, (n_parameters,), to the work of the force of each mode that has one, as a fraction.
+
+    It is judged as `lack_of_fit` does.
+    """
+    rows, losses = theta[np.newaxis], []
+    for mode in data.modes:
+        curves = make_curves(data, mode, model_class)
+        losses.append(curves.find_losses(rows, curves.solve(rows)))
+    error = force.values - force.place["between"] @ np.concatenate(losses, axis=1)[0]
+    found = []
+    for number in np.unique(force.of_mode) if np.isfinite(error).all() else ():
+        mine = force.of_mode == number
+        points = CurvePoints(
+            *(each[mine] for each in (force.place["curve"], force.relative_amplitude, force.place["growth"]))
+        )
+        judged = _judge_misfit(points, error[mine], 0.0, data.noise.curve_growth)
+        if judged is not None:
+            found.append(LackOfFit(int(number), float(np.linalg.norm(judged[0])), judged[1]))
+    return found
+
+
 def lack_of_fit(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> tuple[LackOfFit, ...]:
     """Return the misfit of theta, (n_parameters,), to each mode whose curves have enough points to show one.
 
@@ -185,30 +223,59 @@ def lack_of_fit(data: BackboneData, model_class: ModelClass, theta: FloatArray) 
 
 def _find_misfit(data: BackboneData, mode: ModeData, error: FloatArray) -> list[LackOfFit]:
     """Return a list of one record, or an empty one where the curves are too short."""
+    # The setting linear_error belongs to the frequency; the error of lambda is twice as large.
+    growth = mode.frequency_noise.common_scale if mode.frequency_noise else data.noise.growth_of_linear_error
+    points = CurvePoints(mode.curve, mode.relative_amplitude, mode.growth)
+    judged = _judge_misfit(points, error, 2 * data.noise.linear_error * growth, data.noise.curve_growth)
+    if judged is None:
+        return []
+    grown = mode.eigenvalue / mode.linear
+    fraction = float(np.linalg.norm(judged[0]) / max(float(grown.std()), 1e-30))
+    return [LackOfFit(mode.mode, fraction, judged[1])]
+
+
+@dataclass(frozen=True, eq=False)
+class CurvePoints:
+    """Where the points of some curves lie."""
+
+    curve: NDArray[np.int64]  # (n_points,) number of the curve
+    relative_amplitude: FloatArray  # (n_points,) amplitude over the largest
+    growth: FloatArray  # (n_points,) growth by the nonlinearity
+
+
+def _judge_misfit(
+    points: CurvePoints, error: FloatArray, common_std: float, own_growth: float
+) -> tuple[FloatArray, float] | None:
+    """Return the coefficients of an error that all curves have alike, and its probability; None where they are short.
+
+    Args:
+        points: where the points are.
+        error: (n_points,) the errors.
+        common_std: standard deviation of an error of all curves that grows with the growth.
+        own_growth: growth of the offset of a curve in units of the noise of a point.
+    """
     from scipy.stats import f as fisher
 
-    terms = np.vander(mode.relative_amplitude, 1 + N_PATTERNS, increasing=True)
+    terms = np.vander(points.relative_amplitude, 1 + N_PATTERNS, increasing=True)
     # The patterns have rms 1 and mean 0, so that the norm of their coefficients is an rms.
     patterns = np.linalg.qr(terms)[0][:, 1:] * np.sqrt(len(terms))
     own, slopes, left, freedom = [], [], 0.0, 0
-    for curve in range(mode.curve[-1] + 1):
-        mine = mode.curve == curve
+    for curve in np.unique(points.curve):
+        mine = points.curve == curve
         columns = np.column_stack([np.ones(mine.sum()), patterns[mine]])
         if mine.sum() < columns.shape[1]:
             continue
-        fitted = np.linalg.lstsq(columns, np.stack([error[mine], mode.growth[mine]], axis=1), rcond=None)[0]
+        fitted = np.linalg.lstsq(columns, np.stack([error[mine], points.growth[mine]], axis=1), rcond=None)[0]
         own.append(fitted[1:, 0])
         slopes.append(fitted[1:, 1])
         left += float(np.sum((error[mine] - columns @ fitted[:, 0]) ** 2))
         freedom += int(mine.sum()) - columns.shape[1]
     if freedom < 1:
-        return []
+        return None
     mean, slope, n = np.mean(own, axis=0), np.mean(slopes, axis=0), len(own)
-    # The setting linear_error belongs to the frequency; the error of lambda is twice as large.
-    growth = mode.frequency_noise.common_scale if mode.frequency_noise else data.noise.growth_of_linear_error
-    common = (2 * data.noise.linear_error * growth) ** 2 * np.outer(slope, slope)
+    common = common_std**2 * np.outer(slope, slope)
     weight = min(UPDATING.expected_weight, freedom)
-    per_point = np.eye(N_PATTERNS) * n / len(error) + data.noise.curve_growth**2 * np.outer(slope, slope)
+    per_point = np.eye(N_PATTERNS) * n / len(error) + own_growth**2 * np.outer(slope, slope)
     expected = left / freedom * per_point
     between = np.array(own) - mean
     scatter = (between.T @ between + weight * expected) / (n - 1 + weight)
@@ -216,10 +283,7 @@ def _find_misfit(data: BackboneData, mode: ModeData, error: FloatArray) -> list[
     exact = 1e-5**2 * np.eye(N_PATTERNS)
     score = float(mean @ np.linalg.solve(scatter / n + common + exact, mean))
     last = max(n - 1 + weight - N_PATTERNS + 1, 1)
-    probability = fisher.sf(score * last / (N_PATTERNS * (n - 1 + weight)), N_PATTERNS, last)
-    grown = mode.eigenvalue / mode.linear
-    fraction = float(np.linalg.norm(mean) / max(float(grown.std()), 1e-30))
-    return [LackOfFit(mode.mode, fraction, float(probability))]
+    return mean, float(fisher.sf(score * last / (N_PATTERNS * (n - 1 + weight)), N_PATTERNS, last))
 
 
 def unexplained_fraction(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> float:

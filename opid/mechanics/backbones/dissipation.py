@@ -48,13 +48,16 @@ def find_loss(
     springs: Sequence[PlacedTerm],
     dampers: Sequence[PlacedTerm],
     damping_ratio: FloatArray,
-) -> FloatArray:
-    """Return the energy that modes and dampers of joints lose in a cycle, J, (n_samples, n_points).
+) -> tuple[FloatArray, FloatArray]:
+    """Return the energy that modes and dampers of joints lose in a cycle, and the kinetic energy, J.
 
     With q_ih the harmonics of the modal coordinates, which follow from the harmonics F_h of the springs' forces as in
     `backbone`, and z the extensions of the joints,
 
-        W = sum_i sum_h pi 2 zeta omega_i h^2 omega q_ih^2 + sum over joints of the integral of f(z') z' dt.
+        W = sum_i sum_h pi 2 zeta omega_i h^2 omega q_ih^2 + sum over joints of the integral of f(z') z' dt,
+        E = sum_i sum_h h^2 omega^2 q_ih^2 / 2.
+
+    W / (4 pi E) is the effective damping ratio.
 
     Args:
         found: the backbones.
@@ -62,8 +65,10 @@ def find_loss(
         springs: the springs of the joints.
         dampers: the dampers of the joints.
         damping_ratio: (n_samples,) zeta of all modes.
+
+    Returns:
+        W and E, (n_samples, n_points) each.
     """
-    m = system.index(found.mode)
     harmonics, n_joints = np.array(found.harmonics), len(system.joints)
     amplitudes = found.extension.reshape(*found.extension.shape[:2], harmonics.size, n_joints)
     # After half a period a motion of odd harmonics is the same with the other sign, and so are its forces.
@@ -75,15 +80,27 @@ def find_loss(
     nothing = np.zeros_like(extension)
     elastic = sum((term.find_force(extension, nothing) for term in springs), nothing)
     weight = np.cos(angle) * np.where(harmonics == 0, 1.0, 2.0)[:, None] / n_times
-    on_modes = -np.einsum("npjt,ht,ji->nphi", elastic, weight, system.at_joints, optimize=True)
-    apart = system.eigenvalue - harmonics[:, None] ** 2 * found.eigenvalue[..., None, None]
-    first = found.harmonics.index(1)
+    q = _find_coordinates(found, system, amplitudes, np.einsum("npjt,ht->nphj", elastic, weight))
+    square = (harmonics[:, None] * q) ** 2
+    modal = square @ np.sqrt(np.maximum(system.eigenvalue, 0.0))
+    lost = 2 * np.pi * damping_ratio[:, None] * omega * modal.sum(axis=2)
+    resisting = sum((term.find_force(extension, rate) for term in dampers), nothing)
+    lost = lost + 2 * np.pi / omega * np.sum(resisting * rate, axis=2).mean(axis=-1)
+    return lost, 0.5 * found.eigenvalue * square.sum(axis=(2, 3))
+
+
+def _find_coordinates(
+    found: BackboneFamily, system: JointedModes, amplitudes: FloatArray, forces: FloatArray
+) -> FloatArray:
+    """Return the harmonics of the modal coordinates, (n_samples, n_points, n_harmonics, n_modes).
+
+    `amplitudes` and `forces` are those of the extensions of the joints and of their forces, (n_samples, n_points,
+    n_harmonics, n_joints).
+    """
+    m, first, own = system.index(found.mode), found.harmonics.index(1), system.at_joints[:, system.index(found.mode)]
+    apart = system.eigenvalue - np.array(found.harmonics)[:, None] ** 2 * found.eigenvalue[..., None, None]
     # The equation of the mode itself is singular in the first harmonic; there the extensions tell its coordinate.
     apart[..., first, m] = np.inf
-    q = on_modes / apart
-    own = system.at_joints[:, m]
+    q = -(forces @ system.at_joints) / apart
     q[..., first, m] = (amplitudes[..., first, :] - q[..., first, :] @ system.at_joints.T) @ own / (own @ own)
-    modal = np.sqrt(np.maximum(system.eigenvalue, 0.0)) * (harmonics[:, None] * q) ** 2
-    lost = 2 * np.pi * damping_ratio[:, None] * omega * modal.sum(axis=(2, 3))
-    resisting = sum((term.find_force(extension, rate) for term in dampers), nothing)
-    return np.asarray(lost + 2 * np.pi / omega * np.sum(resisting * rate, axis=2).mean(axis=-1))
+    return np.asarray(q)

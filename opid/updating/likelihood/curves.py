@@ -200,7 +200,7 @@ class ModeCurves:
         """
         parts = []
         for solve, each in zip(self.solvers, found, strict=True):
-            values = np.log(solve.find_loss(theta, each) / (np.pi * each.amplitude**2))
+            values = np.log(solve.find_loss(theta, each)[0] / (np.pi * each.amplitude**2))
             for row in np.flatnonzero(~each.converged.all(axis=1)):
                 bridged = _bridge_gaps(values[row][:, None], each.amplitude, each.converged[row])
                 values[row] = np.nan if bridged is None else bridged[:, 0]
@@ -282,21 +282,25 @@ class ClassSolver:
             families.append(self.evaluate.without_solution() if placed is None else placed[0](row[np.newaxis]))
         return join_families(families)
 
-    def find_loss(self, theta: FloatArray, found: BackboneFamily) -> FloatArray:
-        """Return the energy that the structure loses in a cycle of backbones that were found, J, (n, n_points)."""
+    def find_loss(self, theta: FloatArray, found: BackboneFamily) -> tuple[FloatArray, FloatArray]:
+        """Return what the structure loses in a cycle of backbones that were found, and its kinetic energy, J.
+
+        Both have the shape (n, n_points).
+        """
         springs, dampers = self._place_terms(theta)
         ratio = self._find_ratio(theta)
         if self.data.structure is None:
             return find_loss(found, self.evaluate.system, springs, dampers, ratio)
-        rows = []
+        rows: list[tuple[FloatArray, FloatArray]] = []
         for row, factors in enumerate(self._split_off_factors(theta)):
             placed, one = self._place(factors), [row]
             if placed is None:
-                rows.append(np.full((1, found.amplitude.size), np.nan))
+                rows.append((np.full((1, found.amplitude.size), np.nan),) * 2)
                 continue
             of_row = [[replace(term, values=term.values[one]) for term in terms] for terms in (springs, dampers)]
             rows.append(find_loss(take_samples(found, one), placed[0].system, of_row[0], of_row[1], ratio[one]))
-        return np.concatenate(rows)
+        lost, energy = zip(*rows, strict=True)
+        return np.concatenate(lost), np.concatenate(energy)
 
     def _place_terms(self, theta: FloatArray) -> tuple[list[PlacedTerm], list[PlacedTerm]]:
         """Return springs and dampers with their parameters, for each row of theta."""

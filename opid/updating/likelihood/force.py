@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.errors import InputError
 from opid.signals.recording import FloatArray
@@ -22,12 +23,18 @@ class ForceData:
     is the dynamic stiffness at resonance; its logarithm has errors of about the same size at all amplitudes.
 
     Args:
+        values: (n_points,) that logarithm, of N/m.
+        of_mode: (n_points,) number of the mode of each point.
+        relative_amplitude: (n_points,) amplitude over the largest of the mode.
         noise: noise model of that logarithm. Calibration is an error that all modes have in common; the energy that the
             model loses has another one in each mode.
         place: the arguments of `curve_noise` that do not depend on the values.
         known_ratios: damping ratio of the modes where it is known, by their numbers.
     """
 
+    values: FloatArray
+    of_mode: NDArray[np.int64]
+    relative_amplitude: FloatArray
     noise: CurveNoise
     place: Mapping[str, Any]
     known_ratios: Mapping[int, float]
@@ -49,18 +56,19 @@ def force_data(
     """
     curves_of = by_mode(measured)
     n_nodes = [mode.between.shape[1] for mode in modes]
-    values, between, curve, growth, of_mode = [], [], [], [], []
+    values, between, curve, growth, of_mode, relative = [], [], [], [], [], []
     n_curves, column = 0, 0
-    for number, (mode, width) in enumerate(zip(modes, n_nodes, strict=True)):
+    for mode, width in zip(modes, n_nodes, strict=True):
         driven = [index for index, one in enumerate(curves_of[mode.mode]) if one.force_n is not None]
         kept = np.isin(mode.curve, driven)
-        values += [_find_stiffness(curves_of[mode.mode][index]) for index in driven]
+        values += [find_stiffness(curves_of[mode.mode][index]) for index in driven]
         block = np.zeros((int(kept.sum()), sum(n_nodes)))
         block[:, column : column + width] = mode.between[kept]
         between.append(block)
         curve.append(n_curves + np.searchsorted(driven, mode.curve[kept]))
         growth.append(mode.growth[kept])
-        of_mode.append(np.full(int(kept.sum()), number))
+        of_mode.append(np.full(int(kept.sum()), mode.mode))
+        relative.append(mode.relative_amplitude[kept])
         n_curves, column = n_curves + len(driven), column + width
     if not n_curves:
         raise InputError("no backbone has a force: name the drive point of those that have a column of it")
@@ -76,7 +84,10 @@ def force_data(
         "patterns": contrasts[numbers] * noise.energy_error / common_std,
         "common_std": common_std,
     }
-    return ForceData(_make_noise(np.log(np.concatenate(values)), place, noise), place, dict(ratios))
+    found = np.log(np.concatenate(values))
+    return ForceData(
+        found, np.concatenate(of_mode), np.concatenate(relative), _make_noise(found, place, noise), place, dict(ratios)
+    )
 
 
 def draw_force(data: ForceData, losses: FloatArray, noise: NoiseSettings, rng: np.random.Generator) -> ForceData:
@@ -90,10 +101,10 @@ def draw_force(data: ForceData, losses: FloatArray, noise: NoiseSettings, rng: n
     """
     place = data.place
     values = draw_set(data.noise, losses[:, None], place["between"], place["curve"], place["growth"], rng)[:, 0]
-    return ForceData(_make_noise(values, place, noise), place, data.known_ratios)
+    return replace(data, values=values, noise=_make_noise(values, place, noise))
 
 
-def _find_stiffness(one: MeasuredBackbone) -> FloatArray:
+def find_stiffness(one: MeasuredBackbone) -> FloatArray:
     """Return the work of the force over pi A^2 at each point of a curve, N/m."""
     assert one.force_n is not None
     drive = np.abs(one.amplitude[:, one.sensors.index(one.drive)])
