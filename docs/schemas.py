@@ -459,9 +459,10 @@ def _updating() -> Json:
     linear |= rank | {"best": table(NUMBER)}
     of_mode = [each.name for each in fields(LinearMode) if each.name != "initial_shape"]
     linear["modes"] = array(keys(fields_of(LinearMode, *of_mode)))
-    measured = fields_of(MeasuredBackbone, "name", "mode", "controlled_sensor", "frequency_hz")
+    measured = fields_of(MeasuredBackbone, "name", "mode", "controlled_sensor", "frequency_hz", "force_n")
+    measured["drive"] = or_null(TEXT)
     measured["amplitude"] = table(NUMBERS) | {"description": "m, by sensor"}
-    top = ("title", "form", "best_class", "prediction", "warnings", "not_determined", "settings")
+    top = ("title", "form", "best_class", "prediction", "damping", "warnings", "not_determined", "settings")
     return fields_of(Updating, *top) | {
         "classes": array(keys(model_class)),
         "linear": or_null(keys(linear)),

@@ -10,6 +10,7 @@ import numpy as np
 from opid.updating.likelihood.backbones import BackboneData, ErrorGrowth, draw_curves, with_noise
 from opid.updating.likelihood.curves import make_curves
 from opid.updating.likelihood.error_growth import with_modal_errors
+from opid.updating.likelihood.force import draw_force
 from opid.updating.posterior import estimate_evidence
 from opid.updating.result import ClassPosterior, Confusion
 from opid.updating.sampling.chains import Progress
@@ -41,14 +42,19 @@ def find_confusion(
         curves = [make_curves(own, mode, true.model_class) for mode in own.modes]
         for repeat in range(n_sets):
             theta = true.samples[rng.integers(len(true.samples))][np.newaxis]
-            found = [make(theta) for make in curves]
+            solved = [make.solve(theta) for make in curves]
+            found = [make.complete(each) for make, each in zip(curves, solved, strict=True)]
             modes = [
                 draw_curves(mode, eigenvalue[0], shapes[0], rng)
                 for mode, (eigenvalue, shapes, _, _) in zip(own.modes, found, strict=True)
             ]
+            force = data.force
+            if force is not None:
+                losses = [make.find_losses(theta, each)[0] for make, each in zip(curves, solved, strict=True)]
+                force = draw_force(force, np.concatenate(losses), data.noise, rng)
             errors = [mode.errors or ErrorGrowth.of(data.noise) for mode in data.modes]
             known = (with_noise(mode, data.noise, each) for mode, each in zip(modes, errors, strict=True))
-            drawn = replace(data, modes=tuple(known))
+            drawn = replace(data, modes=tuple(known), force=force)
             evidence = [estimate_evidence(drawn, other.model_class, rng) for other in classes]
             if max(evidence) > -np.inf:
                 chosen[number, int(np.argmax(evidence))] += 1.0 / n_sets

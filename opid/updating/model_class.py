@@ -251,8 +251,16 @@ class ClassParameter:
         return f"{self.term.short}{inner}{self.term.place}"
 
 
+class _PlainParameter:
+    """What parameters beside those of a law have in common: theta is the parameter itself."""
+
+    scale: ClassVar[float] = 1.0
+    unit: ClassVar[str] = "1"
+    is_amplitude: ClassVar[bool] = False
+
+
 @dataclass(frozen=True)
-class StiffnessFactor:
+class StiffnessFactor(_PlainParameter):
     """A factor of a part of the linear stiffness that is unknown together with the laws of a class.
 
     Args:
@@ -262,10 +270,6 @@ class StiffnessFactor:
 
     name: str
     prior: Prior
-
-    scale: ClassVar[float] = 1.0
-    unit: ClassVar[str] = "1"
-    is_amplitude: ClassVar[bool] = False
 
     @property
     def key(self) -> str:
@@ -279,7 +283,7 @@ class StiffnessFactor:
 
 
 @dataclass(frozen=True)
-class DampingRatio:
+class DampingRatio(_PlainParameter):
     """The damping ratio of a mode of the structure without its joints, which is unknown together with their laws.
 
     Args:
@@ -289,10 +293,6 @@ class DampingRatio:
 
     mode: int
     prior: Prior
-
-    scale: ClassVar[float] = 1.0
-    unit: ClassVar[str] = "1"
-    is_amplitude: ClassVar[bool] = False
 
     @property
     def key(self) -> str:

@@ -67,8 +67,9 @@ def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likeliho
             impossible |= lost
             failed += int(missing.sum())
         if data.force is not None:
-            # What is lost may hold any finite numbers.
-            total += log_marginal(data.force.noise, np.nan_to_num(np.concatenate(losses, axis=1))[..., None])
+            lost_energy = np.concatenate(losses, axis=1)
+            impossible |= np.isnan(lost_energy).any(axis=1)
+            total += log_marginal(data.force.noise, np.nan_to_num(lost_energy)[..., None])
         return np.where(impossible, -np.inf, total), failed
 
     return likelihood
@@ -196,11 +197,13 @@ class ModeCurves:
     def find_losses(self, theta: FloatArray, found: list[BackboneFamily]) -> FloatArray:
         """Return the logarithm of the work of the force over pi A^2, N/m, at all nodes, (n, n_nodes).
 
-        A is the amplitude of the controlled sensor; a curve that cannot be bridged is nan.
+        A is the amplitude of the controlled sensor. It is nan where dampers feed energy in, and along a curve that
+        cannot be bridged.
         """
         parts = []
         for solve, each in zip(self.solvers, found, strict=True):
-            values = np.log(solve.find_loss(theta, each)[0] / (np.pi * each.amplitude**2))
+            stiffness = solve.find_loss(theta, each)[0] / (np.pi * each.amplitude**2)
+            values = np.log(np.where(stiffness > 0, stiffness, np.nan))
             for row in np.flatnonzero(~each.converged.all(axis=1)):
                 bridged = _bridge_gaps(values[row][:, None], each.amplitude, each.converged[row])
                 values[row] = np.nan if bridged is None else bridged[:, 0]

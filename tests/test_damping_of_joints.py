@@ -1,0 +1,245 @@
+"""Damping of joints from the force at phase resonance, against the damped, forced structure by harmonic balance."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from opid.errors import InputError
+from opid.mechanics.backbones.dissipation import PlacedTerm, find_loss
+from opid.mechanics.backbones.family import family_evaluator
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.backbones.quadrature_curves import Specimen, quadrature_curve
+from opid.mechanics.laws.law import Law, Term
+from opid.studies.study_file import read_study
+from opid.studies.updating_study import tabulate_class
+from opid.updating.identification import update_study
+from opid.updating.measured import MeasuredBackbone, read_backbone, write_backbone
+from opid.updating.model_class import ModelClass, Prior, UncertainTerm
+from opid.updating.study import UpdatingStudy
+from opid.virtual.backbone_tests.measured import convert_curve
+
+CUBIC, LINEAR, QUADRATIC, RATIO = 1.07e8, 0.4, 2.0, 0.002
+DRIVE, CONTROLLED = "tip", "tip"
+AMPLITUDE = np.linspace(2e-4, 4e-3, 12)
+EVERYWHERE = np.ones(2, dtype=bool)
+
+
+def system():
+    """Two modes that move both joints, 14 and 25 Hz, and a third one at 60 Hz."""
+    return JointedModes(
+        (2 * np.pi * np.array([14.0, 25.0, 60.0])) ** 2,
+        np.array([[0.9, 0.8, 0.3], [0.5, -0.7, 0.6], [0.3, 0.9, -0.5]]),
+        np.array([[0.8, 0.7, 0.4], [0.75, -0.8, 0.5]]),
+        ("tip", "middle", "end"),
+        ("left", "right"),
+    )
+
+
+@cache
+def curve_of(mode, *dampers):
+    law = Law((Term("cubic_stiffness", (CUBIC,)), *(Term(name, values) for name, values in dampers)))
+    curve = quadrature_curve(
+        Specimen(system(), law, RATIO, DRIVE), mode=mode, sensor="tip", controlled_sensor=CONTROLLED,
+        amplitude=AMPLITUDE, harmonics=(1, 3),
+    )  # fmt: skip
+    assert curve.converged.all()
+    assert len(curve.levels) == AMPLITUDE.size
+    return convert_curve(curve, DRIVE)
+
+
+BOTH = (("signed_power_damping", (LINEAR, 1.0)), ("quadratic_damping", (QUADRATIC,)))
+FRICTION = (("coulomb_friction", (4e-3, 4e-3)),)
+
+
+@pytest.mark.parametrize("dampers", [(), BOTH[:1], BOTH[1:], BOTH, FRICTION])
+@pytest.mark.parametrize("mode", [1, 2])
+def test_the_loss_is_the_work_of_the_force_of_the_damped_structure(mode, dampers):
+    true = curve_of(mode, *dampers)
+    spring = np.array([[CUBIC]])
+    found = family_evaluator(
+        system(), ("cubic_stiffness",), mode=mode, sensor=CONTROLLED, amplitude=AMPLITUDE, harmonics=(1, 3)
+    )(spring)
+    placed = [PlacedTerm(name, np.array([values]), EVERYWHERE) for name, values in dampers]
+    lost, energy = find_loss(
+        found, system(), [PlacedTerm("cubic_stiffness", spring, EVERYWHERE)], placed, np.array([RATIO])
+    )
+    np.testing.assert_allclose(lost[0], np.pi * true.force_n * np.abs(true.amplitude[:, 0]), rtol=5e-3)
+    if not dampers:
+        # A mode that moves alone has its own ratio; those that it drives, at their own frequencies, have others.
+        np.testing.assert_allclose(lost[0] / (4 * np.pi * energy[0]), RATIO, rtol=0.2)
+        alone = RATIO * np.sqrt(system().eigenvalue[mode - 1] / found.eigenvalue[0, 0])
+        assert lost[0, 0] / (4 * np.pi * energy[0, 0]) == pytest.approx(alone, rel=2e-3)
+
+
+def measured(dampers, seed, *, gain_std=0.02):
+    """Three curves of each mode with noise, all with one error of calibration."""
+    rng = np.random.default_rng(seed)
+    gain, found = 1 + gain_std * rng.standard_normal(), []
+    for mode in (1, 2):
+        true = curve_of(mode, *dampers)
+        linear = 1 + 0.004 * rng.standard_normal()
+        for number in range(3):
+            n = AMPLITUDE.size
+            hz = true.frequency_hz * linear * (1 + 5e-4 * rng.standard_normal() + 1e-4 * rng.standard_normal(n))
+            force = gain * true.force_n * (1 + 0.005 * rng.standard_normal() + 0.005 * rng.standard_normal(n))
+            found.append(replace(true, name=f"mode {mode}, curve {number}", frequency_hz=hz, force_n=force))
+    return tuple(found)
+
+
+def damper(kind, scale):
+    power = (1.0,) if kind == "signed_power_damping" else ()
+    return UncertainTerm(kind, (scale, *power), (Prior(), *[None] * len(power)))
+
+
+SPRING = UncertainTerm("cubic_stiffness", (CUBIC,), (Prior(),))
+LINEAR_TERM, QUADRATIC_TERM = damper("signed_power_damping", LINEAR), damper("quadratic_damping", QUADRATIC)
+
+
+def study(backbones, **changes):
+    known = dict.fromkeys((1, 2), Prior("lognormal", RATIO, 0.03))
+    classes = (
+        ModelClass("both", (SPRING, LINEAR_TERM, QUADRATIC_TERM)),
+        ModelClass("linear", (SPRING, LINEAR_TERM)),
+        ModelClass("quadratic", (SPRING, QUADRATIC_TERM)),
+    )
+    given = {"classes": classes, "damping": known, "n_samples": 2000, "seed": 1} | changes
+    return UpdatingStudy(title="damping", structure=system(), backbones=backbones, **given)
+
+
+def test_dampers_are_found_and_chosen():
+    held = []
+    for seed in range(3):
+        found = update_study(study(measured(BOTH, seed)))
+        assert found.best_class == "both"
+        assert not any("do not lose the measured energy" in each for each in found.classes[0].warnings)
+        for (own, estimate), true in zip(
+            found.classes[0].coefficients.items(), (CUBIC, LINEAR, QUADRATIC, RATIO, RATIO), strict=True
+        ):
+            assert abs(estimate.value / true - 1) < 0.1, own.words
+            held.append(estimate.holds(true))
+    assert np.mean(held) >= 0.8
+    band = found.damping[0]
+    within = np.interp(band.measured_amplitude, band.amplitude, band.damping_ratio)
+    np.testing.assert_allclose(band.measured, within, rtol=0.06)
+    assert band.damping_ratio[-1] > 1.5 * band.damping_ratio[0]
+
+
+def test_dampers_of_another_kind_are_told():
+    found = update_study(study(measured(FRICTION, 0)))
+    assert any("these dampers do not lose the measured energy" in each for each in found.all_warnings)
+
+
+def test_a_damping_ratio_that_is_not_known_leaves_a_linear_damper_open():
+    wide = dict.fromkeys((1, 2), Prior("uniform", 0.0, 0.05))
+    linear = ModelClass("linear", (SPRING, LINEAR_TERM))
+    widths = []
+    for damping in ({1: RATIO, 2: RATIO}, wide):
+        found = update_study(study(measured(BOTH[:1], 0), classes=(linear,), damping=damping))
+        estimate = found.classes[0].estimates["theta_2"]
+        assert estimate.holds(1.0)
+        widths.append(estimate.std)
+    assert widths[1] > 5 * widths[0]
+
+
+def test_a_wrong_gain_of_the_force_is_within_the_interval_only_if_it_is_stated():
+    linear = ModelClass("linear", (SPRING, LINEAR_TERM))
+    wrong = tuple(replace(each, force_n=1.1 * each.force_n) for each in measured(BOTH[:1], 0, gain_std=0.0))
+    stated = replace(study(wrong).noise, force_error=0.1)
+    for noise, holds in ((study(wrong).noise, False), (stated, True)):
+        found = update_study(study(wrong, classes=(linear,), damping={1: RATIO, 2: RATIO}, noise=noise))
+        assert found.classes[0].estimates["theta_2"].holds(1.0) == holds
+
+
+def test_confusion_of_classes_draws_forces_too():
+    found = update_study(study(measured(BOTH, 0), n_confused=3))
+    assert found.confusion is not None
+    chosen = found.confusion.chosen
+    np.testing.assert_allclose(chosen.sum(axis=1), 1.0)
+    # The sets of a class that does not fit have its misfit as their noise.
+    assert chosen[0, 0] == 1.0
+    assert np.trace(chosen) > 2.0
+
+
+def test_a_force_is_written_and_read_back(tmp_path):
+    one = curve_of(1)
+    write_backbone(one, tmp_path / "one.csv")
+    names = {"mode": 1, "controlled_sensor": "tip"}
+    back = read_backbone(tmp_path / "one.csv", drive="tip", **names)
+    np.testing.assert_array_equal(back.force_n, one.force_n)
+    assert back.drive == "tip"
+    assert read_backbone(tmp_path / "one.csv", **names).force_n is None
+    (tmp_path / "none.csv").write_text("frequency_hz,tip [mm]\n14,1\n14.1,2\n14.2,3\n")
+    with pytest.raises(InputError, match=r"0 columns of a force.*give one, like 'force"):
+        read_backbone(tmp_path / "none.csv", drive="tip", **names)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"drive": ""}, "a force and no drive point: give both or neither"),
+        ({"force_n": None}, "no force and the drive point 'tip': give both or neither"),
+        ({"drive": "tap"}, "acts at 'tap', which is not one of its sensors"),
+        ({"force_n": np.ones(3)}, "give one positive number for each"),
+        ({"force_n": np.zeros(AMPLITUDE.size)}, "give one positive number for each"),
+    ],
+)
+def test_a_force_that_cannot_be_is_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        replace(curve_of(1), **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"damping": {}}, "has a damper, name the damping ratio of each mode with a force"),
+        ({"damping": {1: 0.01}}, "backbones of mode 2 have a force and it has no damping ratio"),
+        ({"damping": {1: 0.01, 2: 0.01, 3: 0.01}}, "damping ratio of mode 3 is named, and a force is known of"),
+        ({"damping": {1: 0.01, 2: -0.01}}, "give a number between 0 and 1"),
+        ({"sampler": "nuts"}, "the sampler is 'nuts', which has no slopes of the force"),
+        ({"form": "paper"}, "take the recommended form"),
+    ],
+)
+def test_a_study_of_damping_that_cannot_be_is_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        study(measured(BOTH, 0), **changes)
+
+
+def test_damping_without_any_force_is_refused():
+    silent = tuple(replace(each, drive="", force_n=None) for each in measured((), 0))
+    with pytest.raises(InputError, match="no backbone has a force, name the drive point"):
+        study(silent)
+    assert isinstance(silent[0], MeasuredBackbone)
+
+
+def test_a_study_file_names_dampers_ratios_and_the_drive_point(tmp_path):
+    (tmp_path / "study.toml").write_text("""
+[structure]
+frequency_hz = 14.0
+modal_mass_kg = 1.2
+sensors = ["tip"]
+joints = { spring = "tip" }
+damping = { 1 = ["lognormal", 0.002, 0.03] }
+
+[[backbones]]
+file = "one.csv"
+mode = 1
+controlled_sensor = "tip"
+drive = "tip"
+
+[[classes]]
+law = "cubic + linear damping + quadratic damping"
+scale = ["0.1 N/mm^3", 0.4, 2]
+prior = [["uniform", 0, 5], ["uniform", 0, 6], "known"]
+""")
+    (tmp_path / "one.csv").write_text("frequency_hz,tip [mm],force [mN]\n14,1,20\n14.1,2,50\n14.2,3,90\n")
+    found = read_study(tmp_path / "study.toml")
+    np.testing.assert_allclose(found.backbones[0].force_n, [0.02, 0.05, 0.09])
+    assert found.damping == {1: Prior("lognormal", 0.002, 0.03)}
+    (own,) = found.classes
+    assert own.law_in_words == "cubic + linear damping + quadratic damping"
+    assert [each.unit for each in own.law_parameters] == ["N/m^3", "N s/m"]
+    table = tabulate_class(own)
+    assert table.law == "cubic + linear_damping + quadratic_damping"
+    assert table.model.terms == own.terms
