@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from opid.estimate import Estimate, Estimates
+from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet, WithCandidates
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 # number of evaluations that a recorded motion keeps; a fit of three or four inner parameters repeats as many
 _N_KEPT = 8
@@ -348,3 +354,132 @@ def _find_start_column(term: Term, v: FloatArray, fs: float) -> FloatArray:
 def _index_amplitudes(law: TermSet) -> list[int]:
     """Return the indices of the amplitudes in `law.vector`."""
     return np.cumsum([0, *(len(term.values) for term in law.terms)])[:-1].tolist()
+
+
+# Friction that bends depends on the travel since its last reversal alone, dh/dz = g(h) / s, so that its steady loop
+# between -h1 and h1 follows from integrals over h, without time steps.
+#
+# -log(1 - h1) of the smallest and of the largest loop that is integrated: a smaller one is a power of the amplitude,
+# and a larger one has the corners of this one and slides between them
+_SIZES, _N_LOOPS, _N_POINTS, _N_FINE = (0.02, 27.0), 80, 201, 4001
+# amplitudes of the larger loops over that of the largest one that is integrated
+_SLIDING = np.geomspace(1.0, 1e3, 61)[1:]
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyLoop:
+    """The loops of a force of unit amplitude and unit travel scale, over the amplitude a of the travel.
+
+    Args:
+        stiffness: logarithm of the first harmonic in phase over a, as a function of log a.
+        area: logarithm of the area, likewise.
+        ends: log a of the smallest and the largest loop.
+        travel: (m,) travel from h = 0 on, rising, of a motion in one direction.
+        force: (m,) h after that travel.
+    """
+
+    stiffness: PchipInterpolator
+    area: PchipInterpolator
+    ends: tuple[float, float]
+    travel: FloatArray
+    force: FloatArray
+
+    def find_stiffness(self, amplitude: FloatArray) -> FloatArray:
+        """Return the secant stiffness, the first harmonic in phase over the amplitude."""
+        return _continue(self.stiffness, self.ends, np.log(amplitude))
+
+    def find_area(self, amplitude: FloatArray) -> FloatArray:
+        """Return the area of the loop, the energy that is taken in a cycle."""
+        return _continue(self.area, self.ends, np.log(amplitude))
+
+    def find_place(self, force: FloatArray) -> FloatArray:
+        """Return the travel from h = 0 to a force, of a motion in one direction."""
+        return np.asarray(np.interp(force, self.force, self.travel))
+
+    def find_force(self, travel: FloatArray) -> FloatArray:
+        """Return the force after a travel from h = 0 on, of a motion in one direction."""
+        return np.asarray(np.interp(travel, self.travel, self.force))
+
+    def find_top(self, amplitude: FloatArray) -> FloatArray:
+        """Return the force at the upper end of a steady loop."""
+        middle = self.force.size // 2
+        # The travel between -h and h grows with h.
+        return np.asarray(
+            np.interp(2.0 * amplitude, self.travel[middle:] - self.travel[middle::-1], self.force[middle:])
+        )
+
+
+@lru_cache(maxsize=64)
+def find_steady_loop(name: str, *inner: float) -> SteadyLoop:
+    """Return the loops of `dahl_friction`, or of `bouc_wen` of the shape 1/2, whose largest h is 1.
+
+    Args:
+        name: the name of the kind.
+        inner: its parameters that follow the scale.
+
+    >>> loop = find_steady_loop("dahl_friction")
+    >>> float(round(loop.find_area(np.array([2.0]))[0] / (4.0 * (2.0 - np.tanh(2.0))), 5))
+    1.0
+    """
+    from scipy.integrate import simpson
+    from scipy.interpolate import PchipInterpolator
+
+    kind = LAWS[name]
+    assert kind.memory is not None
+    b, c = (*inner, 0.0, 0.0)[:2]
+
+    def rate(h: FloatArray) -> FloatArray:
+        return np.asarray(kind.memory(h, 1.0, 1.0, b, c, 1.0)[0])  # type: ignore[misc]
+
+    h, since, until, step, x = _follow_halves(rate, np.exp(-np.geomspace(*_SIZES, _N_LOOPS)), _N_POINTS)
+    whole, below, above = (each[0] for each in _follow_halves(rate, np.exp(-np.array([_SIZES[1]])), _N_FINE)[:3])
+    amplitude = 0.5 * (since[:, -1] + until[:, -1])
+    area = 2.0 * simpson(step * h * (1.0 / rate(h) - 1.0 / rate(-h)), x=x, axis=1)
+    in_phase = _sum_in_phase([since, until], step, x, amplitude[:, None])
+    wide = amplitude[-1] * _SLIDING
+    in_phase = np.append(
+        in_phase, _sum_in_phase([since[-1], 2.0 * amplitude[-1] - until[-1]], step[-1], x[-1], wide[:, None])
+    )
+    area = np.append(area, area[-1] + 4.0 * (wide - amplitude[-1]))
+    amplitude = np.append(amplitude, wide)
+    logs = np.log(amplitude)
+    return SteadyLoop(
+        PchipInterpolator(logs, np.log(in_phase / amplitude)),
+        PchipInterpolator(logs, np.log(np.maximum(area, 1e-18))),
+        (float(logs[0]), float(logs[-1])),
+        np.concatenate([below - below[-1], (above[-1] - above)[-2::-1]]),
+        np.concatenate([-whole, whole[-2::-1]]),
+    )
+
+
+def _follow_halves(rate: Callable[[FloatArray], FloatArray], rest: FloatArray, n: int) -> tuple[FloatArray, ...]:
+    """Return h, the travels from the lower and from the upper end, dh/dx and x from 1 - rest on to h = 0.
+
+    In x the ends of the loops are as smooth as the rest is; each is (n_loops, n).
+    """
+    from scipy.integrate import cumulative_simpson
+
+    rest = rest[:, None]
+    top = 1.0 - rest
+    # The distance of h from its end is top rest sinh^2 x.
+    x = np.linspace(0.0, 1.0, n) * np.arcsinh(np.sqrt(1.0 / rest))
+    step = 2.0 * top * rest * np.sinh(x) * np.cosh(x)
+    h = top * (1.0 - rest * np.sinh(x) ** 2)
+    h[:, -1] = 0.0
+    start = np.zeros((rest.size, 1))
+    since, until = (cumulative_simpson(step / rate(each), x=x, axis=1, initial=start) for each in (-h, h))
+    return h, since, until, step, x
+
+
+def _sum_in_phase(travels: list[FloatArray], step: FloatArray, x: FloatArray, amplitude: FloatArray) -> FloatArray:
+    """Return the first harmonic in phase, the mean of |sin wt| over the changes of h, of two halves of a half cycle."""
+    from scipy.integrate import simpson
+
+    sines = [np.sqrt(np.maximum(y * (2.0 * amplitude - y), 0.0)) / amplitude for y in travels]
+    return np.asarray(2.0 / np.pi * simpson(step * (sines[0] + sines[1]), x=x, axis=-1))
+
+
+def _continue(curve: PchipInterpolator, ends: tuple[float, float], at: FloatArray) -> FloatArray:
+    """Return the exponential of a curve, which is continued by straight lines."""
+    inside = np.clip(at, *ends)
+    return np.asarray(np.exp(curve(inside) + curve.derivative()(inside) * (at - inside)))

@@ -149,7 +149,7 @@ def make_model(
     return NonlinearModalModel(
         corrected,
         held,
-        {mode: joint for mode, joint in joints.items() if joint.sliders},
+        {mode: joint for mode, joint in joints.items() if joint.sliders or joint.law.terms},
         {product: value for system in systems for product, value in _list_couplings(system).items()},
         _find_reach(systems, corrected, held, joints),
     )

@@ -1,19 +1,310 @@
-"""What a joint adds to the powers of a mode: dry friction, and the slip of an Iwan joint, as terms with a memory."""
+"""What a joint adds to the powers of a mode: dry friction, slip of an Iwan joint, and kinds of law with memory.
+
+A joint remembers at which amplitudes it reversed, so that its force in a decay is not quite that of steady cycles. The
+change is proportional to how far the amplitude falls in a radian (`find_fall`): with a damping ratio of 2 % it is up to
+a tenth of the loss.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
 
 import numpy as np
-from scipy.special import beta
+from numpy.typing import NDArray
+from scipy.special import beta, betainc
 
+from opid.errors import InputError, nearest
 from opid.estimate import Estimate
 from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
+from opid.mechanics.laws.kind import Parameter
+from opid.mechanics.laws.kinds import LAWS
+from opid.mechanics.laws.law import LINEAR, Law, Term
+from opid.mechanics.memory import find_steady_loop
 from opid.mechanics.structure import Sliders
-from opid.modal.settings import SIMULATED
+from opid.modal.settings import MODAL, SIMULATED
 from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
+
+Values = tuple[float, ...]
+# travels over the largest displacement, beyond which a joint is friction, or a spring
+_SEEN_TRAVELS = (1e-4, 1e2)
+IWAN = "iwan_friction"
+# fall of the amplitude in a radian, at which the change is measured: with 0.005 and 0.02 it differs by 1 %
+_FALL = 0.01
+# Half cycles before those that are averaged, for the start is forgotten then, their number, and the angles in each
+_BEFORE, _AVERAGED, _ANGLES = 4, 4, 64
+_AMPLITUDES = np.geomspace(0.03, 30.0, 49)
+
+
+@dataclass(frozen=True)
+class JointKind:
+    """A joint with memory as a part of a law, and which of its parameters are fitted.
+
+    Args:
+        name: "slip" for the slip of an Iwan joint that has no end (`JointTerms`), or the name of a kind of law, whose
+            forces are per unit mass.
+        n_fitted: how many of its parameters are fitted, the first ones.
+        held: the values of the others. An Iwan joint whose `jump` is infinite is one slider, a Jenkins element.
+        words: what the joint is called.
+    """
+
+    name: str
+    n_fitted: int
+    held: Values
+    words: str
+
+    @property
+    def is_slip(self) -> bool:
+        """Whether it is slip without an end."""
+        return self.name == "slip"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters of the kind of law that are fitted; none of slip without an end."""
+        return () if self.is_slip else LAWS[self.name].parameters[: self.n_fitted]
+
+    def complete(self, fitted: Values) -> Values:
+        """Return all parameters of the kind, the amplitude and the travel first."""
+        return (*fitted, *self.held)
+
+    def may_vibrate(self, values: Values) -> bool:
+        """Whether the averages of a joint of these values over a cycle exist."""
+        if self.is_slip:
+            return values[1] > -1.0
+        _, travel, *inner = self.complete(values)
+        if not _SEEN_TRAVELS[0] < travel < _SEEN_TRAVELS[1]:
+            return False
+        if self.name == IWAN:
+            return 0.15 < inner[0] < 0.99 and inner[1] > -0.5
+        return not inner or 0.2 < inner[0] < 50.0
+
+    def is_possible(self, values: Values) -> bool:
+        """Whether a joint may have these values: it takes energy out and needs no endless force."""
+        if not (self.may_vibrate(values) and values[0] >= 0.0):
+            return False
+        inner = self.complete(values)[2:]
+        lowest, highest = MODAL.slip_exponents
+        if self.is_slip:
+            return lowest < values[1] < highest
+        if self.name == IWAN:
+            return lowest < 1.0 / inner[0] - 2.0 < highest and inner[1] >= 0.0
+        return not inner or inner[0] >= 1.0
+
+    def is_determined(self, values: FloatArray, std: FloatArray) -> bool:
+        """Whether all values stand out of their standard deviations, and the largest motion, 1, makes all slide."""
+        if self.is_slip:
+            return bool(values[0] > MODAL.joint_sigma * std[0] and std[1] < MODAL.widest_exponent)
+        stands_out = values > MODAL.joint_sigma * std
+        has_spread = self.name == IWAN and self.n_fitted > 2
+        # The exponent of the slip is 1 / spread - 2.
+        knows_spread = not has_spread or std[2] < MODAL.widest_exponent * values[2] ** 2
+        return bool(stands_out.all() and knows_spread and values[1] < 1.0)
+
+    def slips_at(self, amplitude: float, values: Values) -> bool:
+        """Whether something still slips at an amplitude, so that the law at rest is an extrapolation."""
+        return self.is_slip or (self.name == IWAN and self.n_fitted > 2) or amplitude > values[1]
+
+    def list_starts(self) -> Iterator[Values]:
+        """Yield the values after the first with which a search begins, for a largest displacement of 1."""
+        grids = (MODAL.first_spreads, MODAL.first_jumps) if self.name == IWAN else (MODAL.first_sharpness,)
+        first = (MODAL.first_exponents,) if self.is_slip else (MODAL.first_travels, *grids)
+        yield from product(*first[: self.n_fitted - 1])
+
+
+JOINT_KINDS: Mapping[str, tuple[JointKind, ...]] = {
+    IWAN: (
+        JointKind(IWAN, 4, (), "an Iwan joint that slides as a whole"),
+        JointKind(IWAN, 3, (0.0,), "an Iwan joint that slides as a whole, without a jump"),
+        JointKind(IWAN, 2, (0.5, math.inf), "one slider with a spring (Jenkins)"),
+    ),
+    "dahl_friction": (JointKind("dahl_friction", 2, (), "friction that bends before it slides (Dahl)"),),
+    # The shape 1/2 unloads along a straight line; loops of other shapes differ too little in one cycle.
+    "bouc_wen": (JointKind("bouc_wen", 3, (0.5,), "a joint that yields (Bouc and Wen, shape 1/2)"),),
+}
+"""By the name of the kind of law: a joint, and what it becomes at its limits."""
+SLIP = JointKind("slip", 2, (), "slip of an Iwan joint")
+
+
+def read_memory(memory: bool | str | None) -> tuple[JointKind | None, ...]:
+    """Return the joints with memory of which a law may have one.
+
+    Args:
+        memory: False for none, True for slip without an end, None for both choices, or the name of a kind.
+
+    Raises:
+        InputError: a name that is no such kind, or of a kind that decays cannot show.
+    """
+    if not isinstance(memory, str):
+        return (None, SLIP) if memory is None else (SLIP if memory else None,)
+    if memory == "maxwell_arm":
+        raise InputError(
+            "memory is 'maxwell_arm', which is linear: a decay at one frequency shows only its sum with k0 and c0; "
+            "leave memory out"
+        )
+    if memory not in JOINT_KINDS:
+        hint = nearest(memory, JOINT_KINDS)
+        raise InputError(f"memory is {memory!r}{hint}: give one of {', '.join(JOINT_KINDS)}")
+    return JOINT_KINDS[memory]
+
+
+def find_joint_curves(name: str, values: Values, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return by how much a joint lowers the secant stiffness from that at rest, and omega times the damping it adds.
+
+    Both are averages over a steady cycle, the stiffness per unit mass, for amplitudes (n,) or (n, 1).
+
+    Args:
+        name: a kind of `JOINT_KINDS`.
+        values: all its parameters.
+        amplitude: amplitudes of the displacement, positive.
+    """
+    force, travel, *inner = values
+    if name == IWAN:
+        slip, exponent, jump = split_iwan(values)
+        m = np.minimum(amplitude, travel)
+        softening = slip * amplitude ** (1.0 + exponent) * slip_softening(exponent, m / amplitude)
+        energy = slip * (
+            amplitude * m ** (2.0 + exponent) / (2.0 + exponent) - m ** (3.0 + exponent) / (3.0 + exponent)
+        )
+        softening = softening + jump * lose_stiffness(m / amplitude) * (amplitude > travel)
+        energy = 4.0 * (energy + jump * travel * np.maximum(amplitude - travel, 0.0))
+    else:
+        loop, over = find_steady_loop(name, *inner), amplitude / travel
+        softening = force / travel * (1.0 - loop.find_stiffness(over))
+        energy = force * travel * loop.find_area(over)
+    return softening, energy / (np.pi * amplitude**2)
+
+
+def split_iwan(values: Values) -> tuple[float, float, float]:
+    """Return R and chi of the slip of `iwan_friction` up to its end, and the stiffness that slides there at once.
+
+    >>> [round(each, 6) for each in split_iwan((2.0, 0.5, 0.5, 1.0))]
+    [8.0, 0.0, 2.0]
+    """
+    force, travel, spread, jump = values
+    exponent, gradual = 1.0 / spread - 2.0, 1.0 / (1.0 + jump)
+    return (
+        force * gradual / (spread * travel ** (2.0 + exponent)),
+        exponent,
+        force * (1.0 - gradual) / travel,
+    )
+
+
+def find_rest_stiffness(name: str, values: Values) -> float:
+    """Return the stiffness of a joint while nothing slides, per unit mass."""
+    if name != IWAN:
+        return values[0] / values[1]
+    slip, exponent, jump = split_iwan(values)
+    return slip * values[1] ** (1.0 + exponent) / (1.0 + exponent) + jump
+
+
+def lose_stiffness(travel: FloatArray) -> FloatArray:
+    """Return the fraction of its stiffness that a slider loses, by its slip travel over the amplitude, 0 to 1."""
+    angle = np.arccos(1.0 - 2.0 * travel)
+    return np.asarray(1.0 - (angle - 0.5 * np.sin(2.0 * angle)) / np.pi)
+
+
+def slip_softening(exponent: float, reach: float | FloatArray = 1.0) -> FloatArray:
+    """Return what slip takes from the secant stiffness, over R A^(1 + chi).
+
+    It is the mean over the sliders of the first harmonic of a Jenkins element.
+
+    Args:
+        exponent: chi.
+        reach: largest slip travel over the amplitude, at most 1.
+
+    >>> float(np.round(slip_softening(0.0), 4))  # evenly spread sliders lose half of their fraction that slips
+    0.5
+    """
+    a, b, power = exponent + 2.5, 1.5, 1.0 + exponent
+    lost = 8.0 / np.pi * beta(a, b) * betainc(a, b, reach)
+    return np.asarray((lost + np.power(reach, power) * lose_stiffness(np.asarray(reach))) / power)
+
+
+def slip_damping(exponent: float) -> float:
+    """Return omega times the damping that slip adds, over R A^(1 + chi).
+
+    >>> round(slip_damping(0.0), 4)
+    0.2122
+    """
+    return float(4.0 / (np.pi * (2.0 + exponent) * (3.0 + exponent)))
+
+
+@dataclass(frozen=True, eq=False)
+class Fall:
+    """What a falling amplitude changes, over `_AMPLITUDES`, of a joint of unit force and unit travel.
+
+    Args:
+        change: (n,) change of the first harmonic over the amplitude and over the fall in a radian: the real part is in
+            the stiffness, the imaginary one in omega c.
+    """
+
+    change: NDArray[np.complex128]
+
+    def at(self, amplitude: FloatArray) -> NDArray[np.complex128]:
+        """Return the change at amplitudes; beyond those that were followed it falls in proportion to the amplitude."""
+        inside = np.interp(np.log(amplitude), np.log(_AMPLITUDES), self.change)
+        return np.asarray(inside * np.minimum(1.0, _AMPLITUDES[-1] / amplitude))
+
+
+@lru_cache(maxsize=64)
+def find_fall(name: str, *inner: float) -> Fall:
+    """Return what a falling amplitude changes in the force of a kind of `JOINT_KINDS`.
+
+    Args:
+        name: the kind.
+        inner: its parameters that follow the amplitude and the travel.
+    """
+    values = (1.0, 1.0, *inner)
+    n = _BEFORE + _AVERAGED
+    turns = np.pi * np.arange(n + 1) - np.arctan(_FALL)
+    angle = turns[:-1, None] + np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
+    middle = np.pi * (_BEFORE + 0.5 * _AVERAGED)
+    level = _AMPLITUDES[:, None, None] * np.exp(-_FALL * (angle - middle))
+    ends = _AMPLITUDES[:, None] * np.exp(-_FALL * (turns - middle)) * np.abs(np.cos(turns))
+    force = _follow_joint(values, name, level * np.cos(angle), ends)[:, _BEFORE:].reshape(_AMPLITUDES.size, -1)
+    angle, level = angle[_BEFORE:].ravel(), level[:, _BEFORE:].reshape(_AMPLITUDES.size, -1)
+    softening, damping = find_joint_curves(name, values, level)
+    steady = level * ((find_rest_stiffness(name, values) - softening) * np.cos(angle) - damping * np.sin(angle))
+    window = 1.0 - np.cos(2.0 * np.pi * (np.arange(angle.size) + 0.5) / angle.size)
+    change = (force - steady) @ (window * np.exp(-1j * angle)) / window.sum()
+    return Fall(2.0 * change / _AMPLITUDES / _FALL)
+
+
+def _follow_joint(values: tuple[float, ...], name: str, q: FloatArray, ends: FloatArray) -> FloatArray:
+    """Return the force (n, m, k) of a joint of unit force and travel along half cycles of a falling amplitude.
+
+    Args:
+        values: the parameters of the joint.
+        name: its kind.
+        q: (n, m, k) displacements in m half cycles, of which the first one falls.
+        ends: (n, m + 1) displacements at the reversals, without their signs.
+    """
+    force = np.empty_like(q)
+    signs = (-1.0) ** np.arange(q.shape[1])
+    if name == IWAN:
+        slip, exponent, _ = split_iwan(values)
+        rest, divisor = find_rest_stiffness(name, values), (1.0 + exponent) * (2.0 + exponent)
+
+        def load(x: FloatArray) -> FloatArray:
+            return np.where(x < 1.0, rest * x - slip * np.minimum(x, 1.0) ** (2.0 + exponent) / divisor, 1.0)
+
+        # The rule of Masing holds for sliders side by side, and no loop closes in a larger one.
+        top = load(ends[:, 0])
+        for m, sign in enumerate(signs):
+            force[:, m] = sign * (top[:, None] - 2.0 * load(0.5 * (ends[:, m, None] - sign * q[:, m])))
+            top = 2.0 * load(0.5 * (ends[:, m] + ends[:, m + 1])) - top
+        return force
+    loop = find_steady_loop(name, *values[2:])
+    top = loop.find_top(ends[:, 0])
+    for m, sign in enumerate(signs):
+        place = loop.find_place(-top)
+        force[:, m] = -sign * loop.find_force(ends[:, m, None] - sign * q[:, m] + place[:, None])
+        top = loop.find_force(ends[:, m] + ends[:, m + 1] + place)
+    return force
 
 
 @dataclass(frozen=True)
@@ -28,24 +319,40 @@ class JointTerms:
         friction: F, force per unit mass.
         slip: R, force per unit mass over displacement^(2 + chi).
         exponent: chi, above -1; 0 spreads the sliders evenly.
+        kind: name of a kind of `JOINT_KINDS` that stands in the place of slip without an end, "" for none; its
+            stiffness while nothing slides belongs to k0.
+        values: all parameters of that kind, with forces per unit mass.
     """
 
     friction: float = 0.0
     slip: float = 0.0
     exponent: float = 0.0
+    kind: str = ""
+    values: Values = ()
 
     def find_softening(self, amplitude: FloatArray) -> FloatArray:
-        """Return by how much slip lowers the secant stiffness at amplitudes, force per unit mass over displacement."""
-        return self.slip * slip_softening(self.exponent) * amplitude ** (1.0 + self.exponent)
+        """Return by how much joints lower the secant stiffness at amplitudes, force per unit mass over displacement."""
+        slipped = self.slip * slip_softening(self.exponent) * amplitude ** (1.0 + self.exponent)
+        return slipped + find_joint_curves(self.kind, self.values, amplitude)[0] if self.kind else slipped
+
+    def find_fall(self, amplitude: FloatArray) -> NDArray[np.complex128]:
+        """Return what a falling amplitude changes in the force of a named joint, by eta = -A'/(omega A), force per
+        unit mass over displacement: the real part in the secant stiffness, the imaginary one in omega c(A).
+        """
+        if not self.kind:
+            return np.zeros(amplitude.shape, dtype=np.complex128)
+        force, travel, *inner = self.values
+        return force / travel * find_fall(self.kind, *inner).at(amplitude / travel)
 
     def find_slip_force(self, displacement: FloatArray) -> FloatArray:
         """Return what slip takes from the force K q on first loading at displacements, force per unit mass."""
         return self.slip * displacement ** (2.0 + self.exponent) / ((1.0 + self.exponent) * (2.0 + self.exponent))
 
     def find_damping(self, amplitude: FloatArray) -> FloatArray:
-        """Return what friction and slip add to omega c(A) at amplitudes, where c is the coefficient of q'."""
+        """Return what friction and joints add to omega c(A) at amplitudes, where c is the coefficient of q'."""
         slipped = self.slip * slip_damping(self.exponent) * amplitude ** (1.0 + self.exponent)
-        return 4.0 * self.friction / (np.pi * amplitude) + slipped
+        lost = 4.0 * self.friction / (np.pi * amplitude) + slipped
+        return lost + find_joint_curves(self.kind, self.values, amplitude)[1] if self.kind else lost
 
     def find_loss_force(self, displacement: FloatArray) -> FloatArray:
         """Return a force of the velocity alone that loses what friction and slip lose, force per unit mass.
@@ -73,8 +380,15 @@ class ModalJoint:
     largest: float
 
     @property
+    def law(self) -> Law:
+        """The force of a named joint that is no set of sliders, per unit mass, as a law; linear where there is none."""
+        if self.terms.kind in ("", "iwan_friction"):
+            return LINEAR
+        return Law((Term(self.terms.kind, self.terms.values),))
+
+    @property
     def sliders(self) -> Sliders | None:
-        """The joint as Jenkins elements; None without any term. `stuck_stiffness` of k0 is theirs."""
+        """The joint as Jenkins elements; None without any. `stuck_stiffness` of k0 is theirs and that of `law`."""
         stiffness, slip_force = self._spread()
         if self.terms.friction > 0.0:
             stiffness = np.append(stiffness, self.terms.friction / (SIMULATED.friction_travel * self.largest))
@@ -83,21 +397,30 @@ class ModalJoint:
 
     @property
     def stuck_stiffness(self) -> float:
-        """The part of k0 that the elements of slip carry while they are stuck."""
-        return float(self._spread()[0].sum())
+        """The part of k0 that the joint carries while nothing slides, up to twice the largest displacement."""
+        of_law = find_rest_stiffness(self.terms.kind, self.terms.values) if self.law.terms else 0.0
+        return float(self._spread()[0].sum()) + of_law
 
     def _spread(self) -> tuple[FloatArray, FloatArray]:
         """Return stiffness and slip force of the elements, (n,) each; both are exact in each range of travels."""
-        if not self.terms.slip > 0.0:
-            return np.zeros(0), np.zeros(0)
-        edges = self.largest * np.concatenate([[0.0], np.geomspace(*SIMULATED.slip_travels, SIMULATED.sliders)])
-        first, second = self.terms.exponent + 1.0, self.terms.exponent + 2.0
-        return self.terms.slip / first * np.diff(edges**first), self.terms.slip / second * np.diff(edges**second)
+        slip, exponent, jump, end = self.terms.slip, self.terms.exponent, 0.0, np.inf
+        if self.terms.kind == "iwan_friction":
+            (slip, exponent, jump), end = split_iwan(self.terms.values), self.terms.values[1]
+        stiffness, slip_force = np.zeros(0), np.zeros(0)
+        if slip > 0.0:
+            edges = self.largest * np.concatenate([[0.0], np.geomspace(*SIMULATED.slip_travels, SIMULATED.sliders)])
+            edges = np.unique(np.minimum(edges, end))
+            first, second = exponent + 1.0, exponent + 2.0
+            stiffness, slip_force = (slip / power * np.diff(edges**power) for power in (first, second))
+        if jump > 0.0:
+            stiffness, slip_force = np.append(stiffness, jump), np.append(slip_force, jump * end)
+        return stiffness, slip_force
 
 
 def make_joint(friction: Estimate, slip: Estimate, exponent: Estimate, largest: float) -> ModalJoint:
     """Return the joint of estimates, of which those without a value are absent."""
-    return ModalJoint(JointTerms(*(float(each.value or 0.0) for each in (friction, slip, exponent))), largest)
+    force, own, chi = (float(each.value or 0.0) for each in (friction, slip, exponent))
+    return ModalJoint(JointTerms(force, own, chi), largest)
 
 
 def joint_rows(friction: Estimate, slip: Estimate, exponent: Estimate, name: str = "") -> Iterator[SummaryRow]:
@@ -116,23 +439,3 @@ def joint_rows(friction: Estimate, slip: Estimate, exponent: Estimate, name: str
     ):
         if estimate.value is not None:
             yield SummaryRow.of(f"{name}{label}", estimate, unit)
-
-
-def slip_softening(exponent: float) -> float:
-    """Return what slip takes from the secant stiffness, over R A^(1 + chi).
-
-    It is the mean over the sliders of the first harmonic of a Jenkins element.
-
-    >>> round(slip_softening(0.0), 4)  # evenly spread sliders lose half of their fraction that slips
-    0.5
-    """
-    return float(8.0 / (np.pi * (1.0 + exponent)) * beta(exponent + 2.5, 1.5))
-
-
-def slip_damping(exponent: float) -> float:
-    """Return omega times the damping that slip adds, over R A^(1 + chi).
-
-    >>> round(slip_damping(0.0), 4)
-    0.2122
-    """
-    return float(4.0 / (np.pi * (2.0 + exponent) * (3.0 + exponent)))

@@ -72,6 +72,7 @@ class NonlinearModalModel:
             sliders = joint.sliders if joint else None
             if joint:
                 stiffness[mode - 1] -= joint.stuck_stiffness
+                law = TermSet((*law.terms, *joint.law.terms), law.rest_m)
             if law.terms or sliders:
                 joints.append(Joint(f"mode {mode}", np.eye(n)[mode - 1], law=law, sliders=sliders))
         names = tuple(f"mode {mode + 1}" for mode in range(n))

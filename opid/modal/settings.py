@@ -162,6 +162,19 @@ class ModalThresholds:
     widest_exponent: float = 0.3
     # exponents with which the search for slip begins: those of joints measured so far, closely enough for the fit
     first_exponents: tuple[float, ...] = (-0.8, -0.65, -0.5, -0.35, -0.2, 0.0, 0.2)
+    # travels, spreads, jumps and exponents with which the search for a joint of a named kind begins: the travels over
+    # the largest displacement, and the others about those of `opid.laws`
+    first_travels: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
+    first_spreads: tuple[float, ...] = (0.4, 0.5, 0.65)
+    first_jumps: tuple[float, ...] = (0.2, 1.0)
+    first_sharpness: tuple[float, ...] = (1.2, 2.5, 6.0)
+    # steps by which the linear damping that begins such a search is lowered, to 0.7 of it each, where the law has
+    # decayed before the record ends: with eight it is 6 %
+    slower_starts: int = 8
+    # relative standard deviation of the values of such a joint, over the largest damping ratio: the slow flow averages
+    # the joint to the first order of how fast the amplitude falls, and with ratios of 1 and 2 % simulated decays gave
+    # values that were off by up to twice the ratio
+    joint_error: float = 1.5
     slip_exponents: tuple[float, float] = (-0.95, 1.5)  # range of chi; joints measured so far have -0.8 to 0.2
     most_rivals: int = 6  # forms of the law that are fitted to amplitude and phase, which takes most of the time
     least_weight: float = 0.01  # weight below which a rival form no longer widens the intervals

@@ -28,19 +28,24 @@ def describe_law(problem: DecayProblem, fitted: FittedForms) -> DecayLaw:
     curves = _find_law_curves(problem, fitted)
     low, spread = best.find_low()
     few = _widen_few_windows(sum(each.log_amplitude.size for each in problem.decays), best.form.size)
-    low_std = np.hypot(few * _widen(fitted.fits, low), curves.find_missed_low(low[2]))
+    of_joint = _find_joint_error(best, curves, lowest)
+    k0_error, c0_error = of_joint[list(best.places)]
+    low_error = np.array([k0_error, c0_error, 0.5 * k0_error / low[2], 0.5 * c0_error / low[2]])
+    low_std = np.sqrt((few * _widen(fitted.fits, low)) ** 2 + curves.find_missed_low(low[2]) ** 2 + low_error**2)
     wider = np.full(best.vector.size, few)
     wider[list(best.places)] = low_std[:2] / np.sqrt(np.maximum(np.diag(spread)[:2], 1e-300))
     factors = units.find_factors(best.form, best.vector)
     by_gain = units.find_gain_error(best.form, best.vector)
     covariance = best.whole_covariance * np.outer(wider, wider) + np.outer(by_gain, by_gain)
+    of_joint[list(best.places)] = 0.0
+    covariance += np.diag(of_joint**2)
     covariance = covariance * np.outer(factors, factors)
     n_k = best.form.stiffness_order
-    stiffness, damping, (friction, slip, exponent) = _estimate_coefficients(
-        fitted, factors, covariance, few, units.gain_std
-    )
+    stiffness, damping, friction, memory = _estimate_coefficients(fitted, factors, covariance, few, units.gain_std)
+    kind = best.form.memory
+    slip, exponent = memory if kind and kind.is_slip else (Estimate(), Estimate())
     # Slip falls as a power of the amplitude below 1, and is far from gone at the smallest one that was seen.
-    reaches = lowest <= MODAL.reaches_zero and not best.form.has_memory
+    reaches = lowest <= MODAL.reaches_zero and not best.form.slips_at(lowest, best.vector)
     has_no_ratio = best.form.has_friction or best.is_active or fitted.is_doubted or fitted.is_another_kind
     scale_hz = units.rate / (2.0 * np.pi)
     law = DecayLaw(
@@ -49,6 +54,8 @@ def describe_law(problem: DecayProblem, fitted: FittedForms) -> DecayLaw:
         friction=friction,
         slip=slip,
         slip_exponent=exponent,
+        joint_kind=None if kind is None or kind.is_slip else kind,
+        joint_values=() if kind is None or kind.is_slip else tuple(memory),
         frequency_low_hz=_estimate(low[2] * scale_hz, low_std[2] * scale_hz, best.repeats) if reaches else Estimate(),
         damping_low=_estimate(low[3], low_std[3], best.repeats) if reaches and not has_no_ratio else Estimate(),
         frequency_scatter_hz=float(0.5 * best.scatter[0] / low[2] * scale_hz),
@@ -64,6 +71,20 @@ def describe_law(problem: DecayProblem, fitted: FittedForms) -> DecayLaw:
         warnings=(*_warn_of_law(best, lowest), *fitted.warnings),
     )
     return withhold_intervals(law) if fitted.is_untold else law
+
+
+def _find_joint_error(best: FormFit, curves: _LawCurves, lowest: float) -> FloatArray:
+    """Return by how much the slow flow leaves the values of a named joint, k0 and c0 uncertain, (p,), in their units.
+
+    `lowest` is the smallest amplitude that was seen: at rest the stiffness differs by what the joint softens there.
+    """
+    errors = np.zeros(best.vector.size)
+    if best.form.memory is not None and not best.form.memory.is_slip:
+        first, (k0, c0) = best.form.size - best.form.n_memory, best.places
+        errors[first:] = best.vector[first:]
+        errors[k0] = float(best.form.split(best.vector)[2].find_softening(np.array([lowest]))[0])
+        errors[c0] = abs(best.vector[c0])
+    return MODAL.joint_error * float(np.max(0.5 * curves.damping / curves.natural)) * errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +178,8 @@ def _find_curve_variance(problem: DecayProblem, fit: FormFit, about: Flow) -> Fl
 
 def _estimate_coefficients(
     fitted: FittedForms, factors: FloatArray, covariance: FloatArray, few: float, gain_std: float
-) -> tuple[list[Estimate], list[Estimate], tuple[Estimate, Estimate, Estimate]]:
-    """Return k_n, c_n, and friction, slip and exponent of the best fit in SI units, empty where it has none.
+) -> tuple[list[Estimate], list[Estimate], Estimate, list[Estimate]]:
+    """Return k_n, c_n, friction, empty without any, and the values of the joint of the best fit in SI units.
 
     `factors` lead to SI units, in which the covariance is; `few` widens for few windows, and `gain_std` for the gain of
     the amplitudes.
@@ -183,8 +204,10 @@ def _estimate_coefficients(
         # The gain of the amplitude changes friction by as much.
         spread = np.hypot(few * _widen_friction(fitted.fits), gain_std * best.vector[n_k + n_c])
         friction = Estimate.normal(values[n_k + n_c], spread * factors[n_k + n_c])
-    slip, exponent = rest if rest else (Estimate(), Estimate())
-    return estimates[:n_k], damping, (friction, slip, exponent)
+    if fitted.is_doubted and best.form.memory is not None and not best.form.memory.is_slip:
+        # A named joint stays in the law where laws without it explain the decay better.
+        rest = [each.without_interval() for each in rest]
+    return estimates[:n_k], damping, friction, rest
 
 
 def _widen(fits: Sequence[tuple[FormFit, float]], low: FloatArray) -> FloatArray:
@@ -237,7 +260,7 @@ def _warn_of_law(best: FormFit, lowest: float) -> list[str]:
         )
     if lowest > MODAL.reaches_zero:
         warnings.append(f"{falls}: frequency and damping at zero amplitude are not told, record a longer decay")
-    if best.form.has_memory:
+    if best.form.slips_at(lowest, best.vector):
         warnings.append(
             "the joint still slips at the smallest amplitude: frequency and damping at zero amplitude are not told"
         )

@@ -60,21 +60,22 @@ def fit_decays(
     stiffness_order: int | None = None,
     damping_order: int | None = None,
     friction: bool | None = None,
-    memory: bool | None = None,
+    memory: bool | str | None = None,
     gain_std: float = 0.0,
 ) -> DecayLaw:
     """Fit one law to one or several free decays of a mode.
 
     The tracks are of accelerations, or of velocities (`derivative` 1) or displacements (0). An order of 1 is linear;
     where an order is None, the one with the lowest Bayesian criterion is taken. So are dry friction and an Iwan joint,
-    if the order of the damping is found; where it is given, they are only there if asked for.
+    if the order of the damping is found; where it is given, they are only there if asked for. The memory may also be
+    the name of a kind of joint, which the law then has (`read_memory`): the laws without it are its rivals.
 
     Several decays are repeats: k0 and c0 may differ between them, the other coefficients are common. The intervals of
     k0, c0 and of the values at zero amplitude then hold the mean of such repeats. The intervals of the coefficients
     allow for a common gain of all amplitudes of the standard deviation `gain_std`, as a fraction.
 
     Raises:
-        InputError: orders outside 1 to 5.
+        InputError: orders outside 1 to 5, or a memory that is no kind of joint.
         NotDeterminedError: fewer windows than coefficients, a law that does not decay, or two linear modes that explain
             the decays better (`CloseModesError`).
     """
@@ -102,15 +103,19 @@ def fit_decays(
         stiffness_order,
         damping_order,
     )
-    free = None if damping_order is None else False
     close = _find_close_modes(problem.decays)
     try:
-        fitted = _fit_what_is_asked(problem, free if friction is None else friction, free if memory is None else memory)
+        if isinstance(memory, str):
+            fitted = _fit_named_joint(problem, friction, memory)
+        else:
+            free = None if damping_order is None else False
+            asked = (free if each is None else each for each in (friction, memory))
+            fitted = _fit_what_is_asked(problem, *asked)
     except NotDeterminedError:
         _refuse_close_modes(problem, close, None)
         raise
     is_rival = _refuse_close_modes(problem, close, fitted.best)
-    fitted = _doubt_without_friction(problem, fitted) if friction is None else fitted
+    fitted = _doubt_without_friction(problem, fitted) if friction is None and not isinstance(memory, str) else fitted
     if is_rival:
         return _withhold_for_rival(describe_law(problem, fitted), close[0].scaled(rate))
     return describe_law(problem, _add_model_error(problem, fitted))
@@ -137,6 +142,49 @@ def _fit_what_is_asked(problem: DecayProblem, friction: bool | None, memory: boo
             + (", and the damping at zero amplitude is not told" if is_doubted else "")
             + "; record with less noise or a stronger impact",
         ),
+    )
+
+
+def _fit_named_joint(problem: DecayProblem, friction: bool | None, memory: str) -> FittedForms:
+    """Return laws with a named joint, with the laws that are tried without a name as rivals that widen the intervals.
+
+    Powers and friction imitate the softening and the loss of a joint, so that they stand beside it only if asked for.
+    """
+    alone = replace(problem, stiffness_order=problem.stiffness_order or 1, damping_order=problem.damping_order or 1)
+    try:
+        tried = try_forms(alone, alone.search_forms(friction or False, memory))
+    except NotDeterminedError as why:
+        tried = TriedForms([], [], why)
+    own = tried.fits
+    if not own:
+        raise NotDeterminedError(
+            f"the decay does not determine {memory}: its largest force and the travel at which all of it slides are "
+            "only told by motions to both sides of that travel; hit harder, record with less noise, or leave memory out"
+        ) from tried.failed
+    chosen = weigh_fits(problem, own)[0][0]
+    try:
+        free = None if problem.damping_order is None else False
+        others = try_forms(problem, problem.search_forms(free if friction is None else friction, free)).fits
+    except NotDeterminedError:
+        others = []
+    fits = [chosen, *(each for each in (*own, *others) if each is not chosen and not each.is_at_edge)]
+    fits = [each for each in fits if not each.is_active or each is chosen]
+    behind = problem.score(fits)
+    least = min((float(score) for score, fit in zip(behind, fits, strict=True) if fit in others), default=np.inf)
+    gain, warnings = least - float(behind[0]), []
+    if gain < -MODAL.decisive:
+        warnings.append(
+            f"laws without {memory} explain the decay better (by {-gain:.3g} in the Bayesian criterion, "
+            f"{MODAL.decisive:g} is decisive), so that no intervals of joint and damping are told: leave memory out"
+        )
+    elif gain < MODAL.decisive:
+        warnings.append(
+            f"the decay hardly tells {memory} from laws without it (by {gain:.3g} in the Bayesian criterion, "
+            f"{MODAL.decisive:g} is decisive): the intervals of the curves contain the choice, those of the joint hold "
+            "only if it is of this kind; record a larger range of amplitudes"
+        )
+    return FittedForms(
+        list(zip(fits, problem.weigh(fits).tolist(), strict=True)), gain < -MODAL.decisive, tuple(warnings)
     )
 
 

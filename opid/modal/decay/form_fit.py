@@ -141,13 +141,19 @@ def _refine(
 
     def errors(vector: FloatArray) -> FloatArray:
         k, c, joint = form.split(vector)
-        flow = solve_slow_flow(k, c, low, high, joint) if joint.exponent > -1.0 else None
+        flow = solve_slow_flow(k, c, low, high, joint) if form.may_vibrate(vector) else None
         start, shift = vector[form.size :]
         found = None if flow is None else decay.errors(flow, start, shift, derivative)
         return np.full(2 * decay.time.size, IMPOSSIBLE) if found is None else found
 
     own = np.array([decay.log_amplitude[0], 0.0])
     start = np.concatenate([guess, own])
+    has_named_joint = form.memory is not None and not form.memory.is_slip
+    for _ in range(MODAL.slower_starts if has_named_joint else 0):
+        if np.abs(errors(start)).max() < IMPOSSIBLE:
+            break
+        # Without its joint the law would end elsewhere: it only decays too fast.
+        start[form.stiffness_order] *= 0.7
     if np.abs(errors(start)).max() >= IMPOSSIBLE:
         # The law of the start values does not vibrate or decay, but its linear part alone does.
         start[: form.size] = 0.0
@@ -155,8 +161,9 @@ def _refine(
     scale = np.full(start.size, 0.1)
     scale[: form.stiffness_order] = 1.0
     scale[form.stiffness_order : form.size] = max(abs(damping), 1e-4)
-    if form.has_memory:
-        scale[form.size - 1] = 0.3
+    if form.memory is not None:
+        first = form.size - form.n_memory + form.memory.is_slip
+        scale[first : form.size] = 0.3 if form.memory.is_slip else 0.1 * np.maximum(start[first : form.size], 1e-3)
     found = least_squares(errors, start, x_scale=scale, method="trf", xtol=1e-11, ftol=1e-11, gtol=1e-11, max_nfev=60)
     if not np.abs(found.fun).max() < IMPOSSIBLE:
         raise NotDeterminedError("no law of these orders decays over all amplitudes of the record: lower the orders")

@@ -37,7 +37,7 @@ class DecayProblem:
         explained = float(stats.chi2.ppf(1.0 - MODAL.chance_misfit, freedom)) / freedom
         return max(0.0, 1.0 - explained / max(fit.misfit**2, explained))
 
-    def search_forms(self, friction: bool | None, memory: bool | None) -> list[tuple[LawForm, FloatArray]]:
+    def search_forms(self, friction: bool | None, memory: bool | str | None) -> list[tuple[LawForm, FloatArray]]:
         """Return forms of the orders that are asked for, with or without a joint, as `search_forms` does."""
         return search_forms(
             self.seen,

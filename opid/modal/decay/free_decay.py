@@ -134,7 +134,8 @@ class Decay(Result):
             ("slip", self.fitted.slip, f"{force} / {self.amplitude_unit.replace(' ', '*')}^{2.0 + exponent:.3g}"),
             ("slip_exponent", self.fitted.slip_exponent, "1"),
         )
-        return [row for row in rows if row[1].value is not None]
+        found = [row for row in rows if row[1].value is not None]
+        return [*found, *self.fitted.list_joint_values(force, self.amplitude_unit)]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, which docs/schemas/decay-1.schema.json describes."""
@@ -169,7 +170,7 @@ def decay_of(
     start_s: float | None = None,
     stop_s: float | None = None,
     friction: bool | None = False,
-    memory: bool | None = False,
+    memory: bool | str | None = False,
 ) -> Decay:
     """Return the free decay of one mode of a test, in modal coordinates, as `free_decay` does of a signal.
 
@@ -234,7 +235,7 @@ def free_decay(
     stiffness_order: int | None = None,
     damping_order: int | None = None,
     friction: bool | None = None,
-    memory: bool | None = None,
+    memory: bool | str | None = None,
     length: Length = "m",
     name: str = "decay",
     mode: int | None = None,
@@ -260,7 +261,9 @@ def free_decay(
             chooses it.
         damping_order: N_d of c_n q'|q'|^(n-1), 1 for linear damping; where None, the Bayesian criterion chooses it.
         friction: whether there is dry friction F sgn(q'); where None, the criterion chooses, if it chooses the orders.
-        memory: whether there is an Iwan joint, likewise.
+        memory: whether there is an Iwan joint that slips, likewise; or the name of a kind of joint, which the law then
+            has: "iwan_friction", of which a slider with a spring is a limit, "dahl_friction", or "bouc_wen" of the
+            shape 1/2. Powers and friction then stand beside it only if they are asked for.
         name: the name of the record.
         mode: number of the mode, if the signal is a modal coordinate.
         gain_std: standard deviation of the gain of the signal, as a fraction, by which all intervals that depend on the
@@ -318,13 +321,17 @@ def free_decay(
 
 
 def law_of_decays(
-    decays: Sequence[Decay], *, stiffness_order: int | None = None, damping_order: int | None = None
+    decays: Sequence[Decay],
+    *,
+    stiffness_order: int | None = None,
+    damping_order: int | None = None,
+    memory: bool | str | None = None,
 ) -> DecayLaw:
     """Return one law for several free decays of the same mode, measured in the same place.
 
     Args:
         decays: one or several decays.
-        stiffness_order: order of the stiffness; it and `damping_order` are those of `free_decay`.
+        stiffness_order: order of the stiffness; it, `damping_order` and `memory` are those of `free_decay`.
 
     Raises:
         InputError: no decay, or decays of different modes or quantities.
@@ -339,12 +346,17 @@ def law_of_decays(
         derivative=decays[0].derivative,
         stiffness_order=stiffness_order,
         damping_order=damping_order,
+        memory=memory,
         gain_std=max(decay.gain_std for decay in decays),
     )
 
 
 def pool_decays(
-    decays: Sequence[Decay], *, stiffness_order: int | None = None, damping_order: int | None = None
+    decays: Sequence[Decay],
+    *,
+    stiffness_order: int | None = None,
+    damping_order: int | None = None,
+    memory: bool | str | None = None,
 ) -> Decay:
     """Return several decays of one mode as one: the curves of the largest, and the law and its intervals of all.
 
@@ -352,7 +364,7 @@ def pool_decays(
 
     Args:
         decays: two or more repeats, measured in the same place.
-        stiffness_order: order of the stiffness; it and `damping_order` are those of `free_decay`.
+        stiffness_order: order of the stiffness; it, `damping_order` and `memory` are those of `free_decay`.
 
     Raises:
         InputError: fewer than two decays, or decays of different modes or quantities.
@@ -365,7 +377,7 @@ def pool_decays(
         raise InputError(
             f"the decays ring between {low:.4g} and {high:.4g} Hz, which are different modes: name one with near_hz"
         )
-    law = law_of_decays(decays, stiffness_order=stiffness_order, damping_order=damping_order)
+    law = law_of_decays(decays, stiffness_order=stiffness_order, damping_order=damping_order, memory=memory)
     largest = max(decays, key=lambda each: float(each.amplitude[0]))
     warnings = [f"{each.name}: {text}" for each in decays for text in each.warnings]
     return replace(

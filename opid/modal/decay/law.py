@@ -13,7 +13,7 @@ from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.slow_flow import CloseModes
-from opid.modal.joint_terms import ModalJoint, joint_rows, make_joint
+from opid.modal.joint_terms import JointKind, ModalJoint, joint_rows, make_joint
 from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
@@ -40,6 +40,9 @@ class DecayLaw:
         friction: dry friction F, force per unit mass (or modal force); empty where there is none.
         slip: R of an Iwan joint, force per unit mass (or modal force) over displacement^(2 + chi); empty without one.
         slip_exponent: chi of that joint; empty without one.
+        joint_kind: the kind of joint that was asked for by its name, which takes the place of slip; None for none.
+        joint_values: its values in the order of its parameters, the largest force per unit mass (or modal force) and
+            the travel at which it slides first. The stiffness that it has while nothing slides belongs to k0.
         frequency_low_hz: natural frequency at zero amplitude, Hz; empty where the decays do not reach so far.
         damping_low: damping ratio at zero amplitude; empty likewise, with dry friction, where it grows without end,
             and where the law is of another kind than the true one.
@@ -50,7 +53,7 @@ class DecayLaw:
         damping_ratio: (n,) damping ratio at these amplitudes.
         frequency_std_hz: (n,) standard deviation of that frequency, Hz; nan where the law has no interval.
         damping_std: (n,) standard deviation of that damping ratio, likewise.
-        covariance: covariance of k0, k_2 ..., c0, c_2 ..., F, R, chi in this order.
+        covariance: covariance of k0, k_2 ..., c0, c_2 ..., F, R, chi or the values of the joint in this order.
         misfit: rms error of amplitude and phase over its standard deviation; noise alone gives 1.
         phase_error: rms error of phase, rad, and of relative amplitude.
         warnings: one sentence for each warning about the law.
@@ -77,6 +80,8 @@ class DecayLaw:
     phase_error: float
     warnings: tuple[str, ...]
     close_modes: CloseModes | None = None
+    joint_kind: JointKind | None = None
+    joint_values: tuple[Estimate, ...] = ()
 
     @property
     def law(self) -> Law:
@@ -86,11 +91,30 @@ class DecayLaw:
     @property
     def joint(self) -> ModalJoint:
         """Friction and slip, ready to be simulated."""
-        return make_joint(self.friction, self.slip, self.slip_exponent, float(self.amplitude.max()))
+        joint = make_joint(self.friction, self.slip, self.slip_exponent, float(self.amplitude.max()))
+        if self.joint_kind is None:
+            return joint
+        values = self.joint_kind.complete(tuple(float(each.value or 0.0) for each in self.joint_values))
+        return replace(joint, terms=replace(joint.terms, kind=self.joint_kind.name, values=values))
+
+    def list_joint_values(self, force: str, length: str) -> Iterator[tuple[str, Estimate, str]]:
+        """Yield name, estimate and unit of the values of a named joint.
+
+        Args:
+            force: the unit of force.
+            length: the unit of displacement.
+        """
+        if self.joint_kind is None:
+            return
+        for parameter, estimate in zip(self.joint_kind.parameters, self.joint_values, strict=True):
+            unit = {"N": force, "m": length}.get(parameter.unit, parameter.unit)
+            yield f"{self.joint_kind.name}.{parameter.words}", estimate, unit
 
     def joint_rows(self, name: str = "") -> Iterator[SummaryRow]:
-        """Yield friction and slip as rows of a summary, where there are any."""
-        return joint_rows(self.friction, self.slip, self.slip_exponent, name)
+        """Yield friction and the joint with memory as rows of a summary, where there are any."""
+        yield from joint_rows(self.friction, self.slip, self.slip_exponent, name)
+        for label, estimate, unit in self.list_joint_values("N/kg^1/2", "m kg^1/2"):
+            yield SummaryRow.of(f"{name}{label}", estimate, unit)
 
     def curves_at(self, amplitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return natural frequency, Hz, and damping ratio at displacement amplitudes, (n,) each.
@@ -101,10 +125,13 @@ class DecayLaw:
         return np.interp(at, self.amplitude, self.frequency_hz), np.interp(at, self.amplitude, self.damping_ratio)
 
     def joint_json(self) -> dict[str, Any]:
-        """Return friction, slip and scatter as result.json holds them."""
+        """Return friction, slip, a named joint and scatter as result.json holds them."""
         estimates = {name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")}
+        named = zip(self.joint_kind.parameters if self.joint_kind else (), self.joint_values, strict=True)
         return {
             **estimates,
+            "kind": None if self.joint_kind is None else self.joint_kind.name,
+            "values": {parameter.words: asdict(estimate) for parameter, estimate in named},
             "frequency_scatter_hz": self.frequency_scatter_hz,
             "damping_scatter": self.damping_scatter,
         }
@@ -133,5 +160,6 @@ def withhold_intervals(law: DecayLaw) -> DecayLaw:
         damping={power: each.without_interval() for power, each in law.damping.items()},
         frequency_std_hz=unknown,
         damping_std=unknown,
+        joint_values=tuple(each.without_interval() for each in law.joint_values),
         **bare,
     )

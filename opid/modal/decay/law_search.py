@@ -1,8 +1,8 @@
-"""Which terms the law of a decay has: powers, dry friction and an Iwan joint, by harmonic linearisation.
+"""Which terms the law of a decay has: powers, dry friction and a joint with memory, by harmonic linearisation.
 
 The squared natural frequency and the damping coefficient over the amplitude are linear in all coefficients but the
-exponent of the joint, so every form of the law is tried by linear least squares, with exponents of a grid. The Bayesian
-criterion ranks the forms.
+travels and exponents of the joint, so every form of the law is tried by linear least squares, with these on a grid. The
+Bayesian criterion ranks the forms.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from opid.errors import NotDeterminedError
 from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
-from opid.modal.joint_terms import JointTerms, slip_damping, slip_softening
+from opid.modal.joint_terms import JointKind, JointTerms, read_memory
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
@@ -24,41 +24,47 @@ from opid.signals.recording import FloatArray
 
 @dataclass(frozen=True)
 class LawForm:
-    """The terms of a law, and where they stand in its vector k, c, friction, slip and exponent.
+    """The terms of a law, and where they stand in its vector k, c, friction and values of the joint with memory.
 
     Args:
         stiffness_order: highest power of the stiffness, 1 where it is linear.
         damping_order: highest power of the damping, 1 where it is linear.
         has_friction: whether there is dry friction.
-        has_memory: whether there is an Iwan joint.
+        memory: the joint with memory; None where there is none.
     """
 
     stiffness_order: int
     damping_order: int
     has_friction: bool = False
-    has_memory: bool = False
+    memory: JointKind | None = None
 
     @property
     def size(self) -> int:
         """The number of coefficients."""
-        return self.stiffness_order + self.damping_order + self.has_friction + 2 * self.has_memory
+        return self.stiffness_order + self.damping_order + self.has_friction + self.n_memory
+
+    @property
+    def n_memory(self) -> int:
+        """The number of coefficients of the joint with memory, which are the last ones."""
+        return 0 if self.memory is None else self.memory.n_fitted
 
     def split(self, vector: FloatArray) -> tuple[FloatArray, FloatArray, JointTerms]:
         """Return k, c and the terms of the joint of a vector; what follows them in the vector is ignored."""
         powers = self.stiffness_order + self.damping_order
         friction = float(vector[powers]) if self.has_friction else 0.0
-        slip, exponent = vector[powers + self.has_friction : self.size].tolist() if self.has_memory else (0.0, 0.0)
-        return (
-            vector[: self.stiffness_order],
-            vector[self.stiffness_order : powers],
-            JointTerms(friction, slip, exponent),
-        )
+        own = tuple(vector[powers + self.has_friction : self.size].tolist())
+        joint = JointTerms(friction)
+        if self.memory is not None and self.memory.is_slip:
+            joint = JointTerms(friction, *own)
+        elif self.memory is not None:
+            joint = JointTerms(friction, kind=self.memory.name, values=self.memory.complete(own))
+        return vector[: self.stiffness_order], vector[self.stiffness_order : powers], joint
 
     @property
     def prior_score(self) -> float:
         """What the Bayesian criterion adds before any data."""
         powers = self.stiffness_order + self.damping_order - 2
-        return MODAL.joint_evidence * (self.has_friction + self.has_memory) + MODAL.power_evidence * powers
+        return MODAL.joint_evidence * (self.has_friction + (self.memory is not None)) + MODAL.power_evidence * powers
 
     def is_imitated_by_friction(self, n_windows: int) -> bool:
         """Whether so few windows cannot tell friction from the powers of damping beside it."""
@@ -67,16 +73,26 @@ class LawForm:
 
     def is_possible(self, vector: FloatArray) -> bool:
         """Whether joints take energy out, slip needs no endless force, and there is stiffness at rest."""
-        _, _, joint = self.split(vector)
-        lowest, highest = MODAL.slip_exponents
-        takes_energy = joint.friction >= 0.0 and joint.slip >= 0.0
-        return bool(vector[0] > 0.0 and takes_energy and lowest < joint.exponent < highest)
+        is_alive = bool(vector[0] > 0.0 and self.split(vector)[2].friction >= 0.0)
+        return is_alive and (self.memory is None or self.memory.is_possible(self._take_memory(vector)))
+
+    def may_vibrate(self, vector: FloatArray) -> bool:
+        """Whether the averages of the joint exist, so that a search may try this vector."""
+        return self.memory is None or self.memory.may_vibrate(self._take_memory(vector))
 
     def is_determined(self, vector: FloatArray, std: FloatArray) -> bool:
         """Whether friction and slip stand out of their standard deviations, and the exponent is known."""
-        first, last = self.stiffness_order + self.damping_order, self.size - self.has_memory
+        first, last = self.stiffness_order + self.damping_order, self.size - self.n_memory
         stands_out = vector[first:last] > MODAL.joint_sigma * std[first:last]
-        return bool(stands_out.all() and (not self.has_memory or std[-1] < MODAL.widest_exponent))
+        is_known = self.memory is None or self.memory.is_determined(vector[last : self.size], std[last : self.size])
+        return bool(stands_out.all()) and is_known
+
+    def slips_at(self, amplitude: float, vector: FloatArray) -> bool:
+        """Whether something in the joint with memory still slips at an amplitude, in the units of the vector."""
+        return self.memory is not None and self.memory.slips_at(amplitude, self._take_memory(vector))
+
+    def _take_memory(self, vector: FloatArray) -> tuple[float, ...]:
+        return tuple(vector[self.size - self.n_memory : self.size].tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,26 +117,24 @@ def search_forms(
     stiffness_order: int | None,
     damping_order: int | None,
     friction: bool | None,
-    memory: bool | None,
+    memory: bool | str | None,
 ) -> list[tuple[LawForm, FloatArray]]:
     """Return the forms worth a closer look, the likeliest first, and the start values of each.
 
-    Where an order, the friction or the memory is None, all are tried.
+    Where an order, the friction or the memory is None, all are tried; the memory is one of those of `read_memory`.
 
     Raises:
+        InputError: a memory that is no kind of joint.
         NotDeterminedError: fewer windows than coefficients of the smallest form.
     """
     orders = [range(1, HIGHEST_ORDER + 1) if each is None else (each,) for each in (stiffness_order, damping_order)]
-    joints = [(False, True) if each is None else (each,) for each in (friction, memory)]
+    joints = ((False, True) if friction is None else (friction,), read_memory(memory))
     tries: list[_Try] = []
-    for (n_k, n_c), (has_friction, has_memory) in product(product(*orders), product(*joints)):
-        form = LawForm(n_k, n_c, has_friction, has_memory)
+    for (n_k, n_c), (has_friction, own) in product(product(*orders), product(*joints)):
+        form = LawForm(n_k, n_c, has_friction, own)
         if damping_order is None and form.is_imitated_by_friction(seen.level.size):
             continue
-        if (
-            max(form.stiffness_order, form.damping_order + form.has_friction) + 2 * form.has_memory
-            < seen.level.size - 1
-        ):
+        if max(form.stiffness_order, form.damping_order + form.has_friction) + form.n_memory < seen.level.size - 1:
             tries += [each for each in _try_form(form, seen) if form.is_possible(each.vector)]
     if not tries:
         raise NotDeterminedError(
@@ -137,9 +151,9 @@ def search_forms(
     found = sorted(((score, form, vector) for form, (score, vector) in best_of.items()), key=lambda each: each[0])
     near = [each for each in found if each[0] < found[0][0] + MODAL.rival_score]
     # Rivals of other kinds come before further orders of the same kind, for they differ most at zero amplitude.
-    kinds = {(form.has_friction, form.has_memory): (form, vector) for _, form, vector in reversed(near)}
-    first = [(form, vector) for _, form, vector in near if kinds[form.has_friction, form.has_memory][0] == form]
-    rest = [(form, vector) for _, form, vector in near if kinds[form.has_friction, form.has_memory][0] != form]
+    kinds = {(form.has_friction, form.memory): (form, vector) for _, form, vector in reversed(near)}
+    first = [(form, vector) for _, form, vector in near if kinds[form.has_friction, form.memory][0] == form]
+    rest = [(form, vector) for _, form, vector in near if kinds[form.has_friction, form.memory][0] != form]
     return [*first, *rest][: MODAL.most_rivals]
 
 
@@ -164,11 +178,11 @@ class _Try:
 
 
 def _try_form(form: LawForm, seen: Linearisation) -> Iterator[_Try]:
-    """Yield the coefficients of a form for every exponent of its joint."""
+    """Yield the coefficients of a form for every start of the exponent, or of the other values, of its joint."""
     size, level = seen.level.size, seen.level
     frequency = np.sqrt(np.maximum(seen.square, 1e-12))
     factors = first_harmonic_factor(np.arange(1, HIGHEST_ORDER + 1))
-    for exponent in MODAL.first_exponents if form.has_memory else (0.0,):
+    for inner in form.memory.list_starts() if form.memory else ((),):
         columns = np.zeros((2 * size, form.size))
         for n in range(form.stiffness_order):
             columns[:size, n] = factors[n] * level**n
@@ -178,10 +192,11 @@ def _try_form(form: LawForm, seen: Linearisation) -> Iterator[_Try]:
         if form.has_friction:
             columns[size:, place] = 4.0 / (np.pi * seen.speed)
             place += 1
-        if form.has_memory:
-            slipped = level ** (1.0 + exponent)
-            columns[:size, place] = -slip_softening(exponent) * slipped
-            columns[size:, place] = slip_damping(exponent) * slipped / frequency
+        if form.memory:
+            # The joint of unit force
+            joint = LawForm(0, 0, memory=form.memory).split(np.array([1.0, *inner]))[2]
+            columns[:size, place] = -joint.find_softening(level)
+            columns[size:, place] = joint.find_damping(level) / frequency
             columns = columns[:, : place + 1]
         std = np.concatenate(
             [
@@ -192,5 +207,5 @@ def _try_form(form: LawForm, seen: Linearisation) -> Iterator[_Try]:
         y = np.concatenate([seen.square, seen.damping])
         values = np.asarray(np.linalg.lstsq(columns / std[:, None], y / std, rcond=1e-12)[0], dtype=np.float64)
         errors = ((y - columns @ values) / std) ** 2
-        vector = np.append(values, exponent) if form.has_memory else values
+        vector = np.append(values, inner)
         yield _Try(form, vector, float(errors[:size].sum()), float(errors[size:].sum()))

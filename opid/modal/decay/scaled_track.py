@@ -67,18 +67,22 @@ class FitUnits:
         of_k = [self.rate**2 * self.length**-n for n in range(form.stiffness_order)]
         of_c = [self.rate * (self.length * self.rate) ** -n for n in range(form.damping_order)]
         of_friction = [self.rate**2 * self.length] * form.has_friction
-        exponent = form.split(vector)[2].exponent
-        return np.array(
-            [*of_k, *of_c, *of_friction, *([self.rate**2 * self.length ** -(1 + exponent), 1.0] * form.has_memory)]
-        )
+        of_memory = [self.rate**2 * self.length, self.length, 1.0, 1.0][: form.n_memory]
+        if form.memory is not None and form.memory.is_slip:
+            of_memory = [self.rate**2 * self.length ** -(1 + form.split(vector)[2].exponent), 1.0]
+        return np.array([*of_k, *of_c, *of_friction, *of_memory])
 
     def find_gain_error(self, form: LawForm, vector: FloatArray) -> FloatArray:
         """Return (p,) by how much the coefficients of a form change by one standard deviation of the gain.
 
-        A law of the power n of g q has a coefficient g^(1 - n) times that of q; friction is of the power 0.
+        A law of the power n of g q has a coefficient g^(1 - n) times that of q; friction is of the power 0, and so are
+        the largest force of a joint and the travel at which it slides.
         """
         above_one = [*range(form.stiffness_order), *range(form.damping_order), *[-1.0] * form.has_friction]
-        above_one += [1.0 + form.split(vector)[2].exponent, 0.0] * form.has_memory
+        if form.memory is not None and form.memory.is_slip:
+            above_one += [1.0 + form.split(vector)[2].exponent, 0.0]
+        else:
+            above_one += [-1.0, -1.0, 0.0, 0.0][: form.n_memory]
         return -self.gain_std * np.array(above_one) * vector
 
 

@@ -43,7 +43,8 @@ def solve_slow_flow(
     k = (k0, k_2, ...) belongs to q|q|^(n-1), c = (c0, c_2, ...) to q'|q'|^(n-1). What the joint adds is averaged over a
     cycle of the fundamental. Dry friction has one more term of second order: between two reversals the motion is the
     undisturbed one about the offset F / k0, and the fundamental of these pieces lags by 3 F / (pi k0 A), which grows as
-    the amplitude falls.
+    the amplitude falls. The loops of a named joint do not close while the amplitude falls, which changes its force by
+    as much as the amplitude falls in a radian (`find_fall`).
 
     >>> flow = solve_slow_flow(np.array([1.0]), np.array([0.02]), -1.0, 0.0)
     >>> round(float(flow.rate[0]), 6), round(float(flow.omega[0]), 6)
@@ -55,7 +56,10 @@ def solve_slow_flow(
     cosine, sine = np.cos(angle), np.sin(angle)
     third_cosine, third_sine = np.cos(3.0 * angle), np.sin(3.0 * angle)
     joint = joint or JointTerms()
+    step = log_amplitude[1] - log_amplitude[0]
+    damping = natural = rate = np.zeros(log_amplitude.size)
     loss, gain = joint.find_damping(a), -joint.find_softening(a)
+    fall, eta = joint.find_fall(a), np.zeros_like(a)
     in_phase, quadrature = np.zeros_like(a), np.zeros_like(a)
     omega, drag = np.full_like(a, np.sqrt(max(k[0], 1e-12))), np.zeros((1, 1))
     for _ in range(5):
@@ -63,16 +67,16 @@ def solve_slow_flow(
         v = -omega * (a * sine + 3.0 * (in_phase * third_sine - quadrature * third_cosine))
         drag = _sum_higher_powers(c, v)
         force = _sum_higher_powers(k, q) + drag
-        square = k[0] + gain + _find_harmonic(force, cosine) / a
+        square = k[0] + gain + eta * fall.real + _find_harmonic(force, cosine) / a
         if (square <= 0.0).any():
             return None
         omega = np.sqrt(square)
         in_phase = _find_harmonic(force, third_cosine) / (9.0 * square - k[0])
         quadrature = _find_harmonic(force, third_sine) / (9.0 * square - k[0])
-    damping = c[0] + ((loss - _find_harmonic(drag, sine) / a) / omega)[:, 0]
-    natural = omega[:, 0]
-    step = log_amplitude[1] - log_amplitude[0]
-    rate = damping / (2.0 + np.gradient(np.log(natural), step, edge_order=2))
+        damping = c[0] + ((loss + eta * fall.imag - _find_harmonic(drag, sine) / a) / omega)[:, 0]
+        natural = omega[:, 0]
+        rate = damping / (2.0 + np.gradient(np.log(natural), step, edge_order=2))
+        eta = (rate / natural)[:, None]
     if (rate <= 0.0).any():
         return None
     rate_drift = -rate * np.gradient(rate, step, edge_order=2)

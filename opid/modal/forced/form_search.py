@@ -160,7 +160,7 @@ def _list_own(system: System, fit: ModeFit, search: bool, free_linear: bool) -> 
         return
     k0 = float(system.modes.stiffness()[0])
     softer = k0 - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
-    slip = max(softer * a / force / slip_softening(SIMULATED.first_slip_exponent), SIMULATED.least_size)
+    slip = max(softer * a / force / float(slip_softening(SIMULATED.first_slip_exponent)), SIMULATED.least_size)
     linear = (1,) if free_linear else ()
     frictions, exponents = SIMULATED.first_frictions, SIMULATED.first_slip_exponents
     for k in (linear, (*linear, 3)):
