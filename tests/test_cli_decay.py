@@ -126,6 +126,7 @@ def test_bad_input_ends_with_status_2(log, tmp_path):
     refused(opid("decay", log, "--channel", "bridge"), "'bridge'", "is in V", "--unit g")
     refused(opid("decay", log, "--channel", "az", "--unit", "furlong"), "furlong")
     refused(opid("decay", log, "--channel", "az", "--near", -5), "-5")
+    refused(opid("decay", log, "--channel", "az", "--memory", "iwan"), "--memory is 'iwan'", "iwan_friction")
     refused(opid("decay", log, "--channel", "az", "--start", 3, "--stop", 1), "3")
     refused(opid("decay", tmp_path / "none.csv", "--channel", "az"), "none.csv")
     refused(opid("decay", log, "--channel", "az", "--out", log), "is no directory")

@@ -40,6 +40,7 @@ OPTIONS = {
     "stop_s": "--stop",
     "stiffness_order": "--stiffness-order",
     "damping_order": "--damping-order",
+    "memory": "--memory",
 }
 """Settings as the messages of the library name them, and the options of `opid decay` for them."""
 
@@ -278,6 +279,11 @@ def resonance(
     metavar="N",
     help="Order of the damping.  [default: found]",
 )
+@click.option(
+    "--memory",
+    metavar="KIND",
+    help="Kind of the joint with memory: iwan_friction, dahl_friction or bouc_wen.  [default: slip, where it is found]",
+)
 @out_option("Folder for result.json, report and figure.")
 @with_output
 def decay(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
@@ -315,8 +321,7 @@ def _follow_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
         return decays[0]
     say("the common law")
     named = [replace(each, name=log.name) for each, log in zip(decays, logs, strict=True)]
-    orders = {name: settings[name] for name in ("stiffness_order", "damping_order")}
-    pooled = pool_decays(named, **orders)
+    pooled = pool_decays(named, **{name: settings[name] for name in ("stiffness_order", "damping_order", "memory")})
     return replace(
         pooled,
         name=_name_source(settings, decays[0].mode),
@@ -350,6 +355,7 @@ def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
         force=force,
         stiffness_order=settings["stiffness_order"],
         damping_order=settings["damping_order"],
+        memory=settings["memory"],
         name=_name_source(settings, None),
     )
     warnings = tuple(_name_options(text, settings) for text in found.warnings)
@@ -365,12 +371,12 @@ def _filter_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
     tests = read_decays(Path(settings["study"]), logs, say)
     elastic = [number + 1 for number, is_elastic in enumerate(tests[0].modes.elastic) if is_elastic]
     mode = find_largest_mode(tests[0], elastic) if settings["mode"] is None else settings["mode"]
-    options = {name: settings[name] for name in ("stiffness_order", "damping_order")}
+    options = {name: settings[name] for name in ("stiffness_order", "damping_order", "memory")}
     limits = {"start_s": settings["start"], "stop_s": settings["stop"]}
     decays = []
     for log, test in zip(logs, tests, strict=True):
         say(f"the decay in {log.name}")
-        found = decay_of(test, mode, **options, **limits, friction=None, memory=None)
+        found = decay_of(test, mode, **options, **limits, friction=None)
         warnings = tuple(_name_options(text, settings) for text in found.warnings)
         own = {"log": str(log), **settings, "mode": mode}
         name = _name_source(settings, mode)

@@ -33,6 +33,7 @@ Values = tuple[float, ...]
 # travels over the largest displacement, beyond which a joint is friction, or a spring
 _SEEN_TRAVELS = (1e-4, 1e2)
 IWAN = "iwan_friction"
+JUMP = 3  # the place of the jump among its parameters
 # fall of the amplitude in a radian, at which the change is measured: with 0.005 and 0.02 it differs by 1 %
 _FALL = 0.01
 # Half cycles before those that are averaged, for the start is forgotten then, their number, and the angles in each
@@ -146,8 +147,7 @@ def read_memory(memory: bool | str | None) -> tuple[JointKind | None, ...]:
             "leave memory out"
         )
     if memory not in JOINT_KINDS:
-        hint = nearest(memory, JOINT_KINDS)
-        raise InputError(f"memory is {memory!r}{hint}: give one of {', '.join(JOINT_KINDS)}")
+        raise InputError(f"memory is {memory!r}, which is no joint of a mode: {nearest(memory, JOINT_KINDS)}")
     return JOINT_KINDS[memory]
 
 

@@ -137,12 +137,14 @@ def _list_law_rows(decay: Decay) -> Iterator[Row]:
         for power, estimate in sorted(estimates.items()):
             yield build_estimate_row(f"{letter}{power}", unit(letter, power), estimate)
     for name, estimate, per_force in decay.list_joint():
-        yield build_estimate_row(name.replace("_", " "), per_force, estimate)
+        yield build_estimate_row(name.split(".")[-1].replace("_", " "), per_force, estimate)
 
 
 def _name_joint(decay: Decay) -> str:
     terms = {"friction": " + friction sgn(x')", "slip": " + slip of an Iwan joint"}
-    return "".join(terms.get(name, "") for name, _, _ in decay.list_joint())
+    found = "".join(terms.get(name, "") for name, _, _ in decay.list_joint())
+    kind = None if decay.fitted is None else decay.fitted.joint_kind
+    return found if kind is None else f"{found} + {kind.words}, whose stiffness before it slides is in k1,"
 
 
 def _write_command(settings: Mapping[str, Any]) -> list[str]:

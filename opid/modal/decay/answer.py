@@ -16,6 +16,7 @@ from opid.modal.decay.law_search import LawForm
 from opid.modal.decay.scaled_track import find_span
 from opid.modal.decay.slow_flow import Flow, solve_slow_flow
 from opid.modal.forced.restoring_fit import find_jackknife
+from opid.modal.joint_terms import JUMP
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -82,6 +83,9 @@ def _find_joint_error(best: FormFit, curves: _LawCurves, lowest: float) -> Float
     if best.form.memory is not None and not best.form.memory.is_slip:
         first, (k0, c0) = best.form.size - best.form.n_memory, best.places
         errors[first:] = best.vector[first:]
+        if best.form.memory.n_fitted == JUMP + 1:
+            # The fraction of the force that slides at once is J / (1 + J).
+            errors[-1] *= 1.0 + best.vector[-1]
         errors[k0] = float(best.form.split(best.vector)[2].find_softening(np.array([lowest]))[0])
         errors[c0] = abs(best.vector[c0])
     return MODAL.joint_error * float(np.max(0.5 * curves.damping / curves.natural)) * errors
