@@ -356,7 +356,7 @@ def _free_decay() -> Json:
 
 def _joint() -> Json:
     names = ("friction", "slip", "slip_exponent", "frequency_scatter_hz", "damping_scatter")
-    kind = {"kind": or_null(TEXT) | {"description": "the kind of joint that was asked for by its name"}}
+    kind = {"kind": or_null(TEXT) | {"description": "the name of the kind of joint in the place of slip"}}
     values = {"values": table(ESTIMATE) | {"description": "its values by name, empty without one"}}
     return {"joint": or_null(keys(fields_of(DecayLaw, *names) | kind | values))}
 

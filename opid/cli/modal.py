@@ -282,7 +282,7 @@ def resonance(
 @click.option(
     "--memory",
     metavar="KIND",
-    help="Kind of the joint with memory: iwan_friction, dahl_friction or bouc_wen.  [default: slip, where it is found]",
+    help="Kind of the joint with memory: iwan_friction, dahl_friction or bouc_wen.  [default: found]",
 )
 @out_option("Folder for result.json, report and figure.")
 @with_output

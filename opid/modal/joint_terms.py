@@ -336,8 +336,9 @@ class JointTerms:
         return slipped + find_joint_curves(self.kind, self.values, amplitude)[0] if self.kind else slipped
 
     def find_fall(self, amplitude: FloatArray) -> NDArray[np.complex128]:
-        """Return what a falling amplitude changes in the force of a named joint, by eta = -A'/(omega A), force per
-        unit mass over displacement: the real part in the secant stiffness, the imaginary one in omega c(A).
+        """Return what a falling amplitude changes in a named joint, over -A'/(omega A), in the unit of stiffness.
+
+        The real part is in the secant stiffness, the imaginary one in omega c(A).
         """
         if not self.kind:
             return np.zeros(amplitude.shape, dtype=np.complex128)

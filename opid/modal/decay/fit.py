@@ -1,6 +1,6 @@
-"""The law of a mode from its free decays alone: powers of displacement and velocity, dry friction, an Iwan joint.
+"""The law of a mode from its free decays alone: powers of displacement and velocity, dry friction, a joint.
 
-    q'' + c0 q' + k0 q + sum c_n q'|q'|^(n-1) + sum k_n q|q|^(n-1) + F sgn(q') + (what the joint slips) = 0
+    q'' + c0 q' + k0 q + sum c_n q'|q'|^(n-1) + sum k_n q|q|^(n-1) + F sgn(q') + (the force of a joint) = 0
 
 Start values come from the harmonic linearisation of frequency and damping over amplitude (`law_search`). Then amplitude
 and phase of each decay are fitted to the measured ones over all its time, by the slow flow of the law (`slow_flow`).
@@ -24,6 +24,7 @@ from opid.modal.decay.scaled_track import FitUnits, ScaledTrack
 from opid.modal.decay.slow_flow import CloseModes, fit_close_modes
 from opid.modal.decay.track import Track
 from opid.modal.forced.restoring_fit import find_jackknife
+from opid.modal.joint_terms import JOINT_KINDS
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
@@ -67,7 +68,8 @@ def fit_decays(
 
     The tracks are of accelerations, or of velocities (`derivative` 1) or displacements (0). An order of 1 is linear;
     where an order is None, the one with the lowest Bayesian criterion is taken. So are dry friction and an Iwan joint,
-    if the order of the damping is found; where it is given, they are only there if asked for. The memory may also be
+    if the order of the damping is found; where it is given, they are only there if asked for. Where nothing is given
+    and these laws miss the decays beyond noise, a joint of a named kind is tried (`_prefer_joint`). The memory may be
     the name of a kind of joint, which the law then has (`read_memory`): the laws without it are its rivals.
 
     Several decays are repeats: k0 and c0 may differ between them, the other coefficients are common. The intervals of
@@ -111,6 +113,8 @@ def fit_decays(
             free = None if damping_order is None else False
             asked = (free if each is None else each for each in (friction, memory))
             fitted = _fit_what_is_asked(problem, *asked)
+            if {stiffness_order, damping_order, friction, memory} == {None}:
+                fitted = _prefer_joint(problem, fitted)
     except NotDeterminedError:
         _refuse_close_modes(problem, close, None)
         raise
@@ -150,17 +154,12 @@ def _fit_named_joint(problem: DecayProblem, friction: bool | None, memory: str) 
 
     Powers and friction imitate the softening and the loss of a joint, so that they stand beside it only if asked for.
     """
-    alone = replace(problem, stiffness_order=problem.stiffness_order or 1, damping_order=problem.damping_order or 1)
-    try:
-        tried = try_forms(alone, alone.search_forms(friction or False, memory))
-    except NotDeterminedError as why:
-        tried = TriedForms([], [], why)
-    own = tried.fits
+    own = _fit_joint(problem, friction or False, memory)
     if not own:
         raise NotDeterminedError(
             f"the decay does not determine {memory}: its largest force and the travel at which all of it slides are "
             "only told by motions to both sides of that travel; hit harder, record with less noise, or leave memory out"
-        ) from tried.failed
+        )
     chosen = weigh_fits(problem, own)[0][0]
     try:
         free = None if problem.damping_order is None else False
@@ -186,6 +185,35 @@ def _fit_named_joint(problem: DecayProblem, friction: bool | None, memory: str) 
     return FittedForms(
         list(zip(fits, problem.weigh(fits).tolist(), strict=True)), gain < -MODAL.decisive, tuple(warnings)
     )
+
+
+def _fit_joint(problem: DecayProblem, friction: bool, memory: str) -> list[FormFit]:
+    """Return the forms with a named joint that the decays determine, without powers that are not asked for."""
+    alone = replace(problem, stiffness_order=problem.stiffness_order or 1, damping_order=problem.damping_order or 1)
+    try:
+        return try_forms(alone, alone.search_forms(friction, memory)).fits
+    except NotDeterminedError:
+        return []
+
+
+def _prefer_joint(problem: DecayProblem, fitted: FittedForms) -> FittedForms:
+    """Return a law with a joint of a kind that has a name, where it alone explains the decays within their noise."""
+    if not problem.find_unexplained(fitted.best):
+        return fitted
+    tried = [fit for name in JOINT_KINDS for fit in _fit_joint(problem, False, name)]
+    found = [fit for fit in tried if not (problem.find_unexplained(fit) or fit.is_at_edge or fit.is_active)]
+    behind = problem.score([*found, *(fit for fit, _ in fitted.fits)])
+    gain = float(behind[len(found) :].min() - behind[: len(found)].min(initial=np.inf))
+    if gain <= MODAL.decisive:
+        return fitted
+    fits = weigh_fits(problem, [*found, *(fit for fit, _ in fitted.fits)])
+    kind = fits[0][0].form.memory
+    assert kind is not None
+    told = (
+        f"powers, dry friction and slip do not explain the decay, but {kind.words} does (by {gain:.3g} in the Bayesian "
+        f"criterion, {MODAL.decisive:g} is decisive)"
+    )
+    return FittedForms(fits, False, (told,))
 
 
 def _doubt_without_friction(problem: DecayProblem, fitted: FittedForms) -> FittedForms:

@@ -40,7 +40,7 @@ class DecayLaw:
         friction: dry friction F, force per unit mass (or modal force); empty where there is none.
         slip: R of an Iwan joint, force per unit mass (or modal force) over displacement^(2 + chi); empty without one.
         slip_exponent: chi of that joint; empty without one.
-        joint_kind: the kind of joint that was asked for by its name, which takes the place of slip; None for none.
+        joint_kind: the joint of a named kind, in the place of slip; None for none.
         joint_values: its values in the order of its parameters, the largest force per unit mass (or modal force) and
             the travel at which it slides first. The stiffness that it has while nothing slides belongs to k0.
         frequency_low_hz: natural frequency at zero amplitude, Hz; empty where the decays do not reach so far.
