@@ -132,7 +132,7 @@ def test_a_named_joint_is_found_with_intervals_that_hold(world, seed):
     assert found.keys() == truth.keys()
     for name, value in truth.items():
         assert found[name].holds(value)
-        assert found[name].std < 0.1 * value
+        assert found[name].std < (0.2 if name == "jump" else 0.1) * value
     assert law.damping[1].holds(C0)
     assert decay.law_misfit < 1.5
     values = (*truth.values(), *HELD.get(world, ()))

@@ -81,14 +81,15 @@ def _find_joint_error(best: FormFit, curves: _LawCurves, lowest: float) -> Float
     """
     errors = np.zeros(best.vector.size)
     if best.form.memory is not None and not best.form.memory.is_slip:
+        of_values, of_rest = MODAL.joint_error
         first, (k0, c0) = best.form.size - best.form.n_memory, best.places
-        errors[first:] = best.vector[first:]
+        errors[first:] = of_values * best.vector[first:]
         if best.form.memory.n_fitted == JUMP + 1:
             # The fraction of the force that slides at once is J / (1 + J).
             errors[-1] *= 1.0 + best.vector[-1]
-        errors[k0] = float(best.form.split(best.vector)[2].find_softening(np.array([lowest]))[0])
-        errors[c0] = abs(best.vector[c0])
-    return MODAL.joint_error * float(np.max(0.5 * curves.damping / curves.natural)) * errors
+        errors[k0] = of_rest * float(best.form.split(best.vector)[2].find_softening(np.array([lowest]))[0])
+        errors[c0] = of_rest * abs(best.vector[c0])
+    return float(np.max(0.5 * curves.damping / curves.natural)) * errors
 
 
 @dataclass(frozen=True, eq=False)
