@@ -278,7 +278,8 @@ def damped_curves() -> tuple[MeasuredCurve, ...]:
 def damped_backbones(rng: np.random.Generator) -> tuple[MeasuredBackbone, ...]:
     """These curves with errors: 2 % of calibration, 0.5 % of each force, 0.4 % of each linear frequency, shapes."""
     gain, found = 1 + 0.02 * rng.standard_normal(), []
-    linear = {mode: 1 + 0.004 * rng.standard_normal() for mode in BENDING_MODES}
+    # an error of the modal eigenvalue, which does not grow along the backbone
+    shift = {mode: 0.008 * rng.standard_normal() * system().eigenvalue[mode - 1] for mode in BENDING_MODES}
     for curve in damped_curves():
         true = convert_curve(curve, DRIVE)
         shapes = true.amplitude + 0.005 * np.linalg.norm(true.amplitude, axis=1, keepdims=True) * rng.standard_normal(
@@ -286,7 +287,7 @@ def damped_backbones(rng: np.random.Generator) -> tuple[MeasuredBackbone, ...]:
         )
         shapes[:, true.sensors.index(CONTROLLED)] = true.controlled_amplitude
         n = true.frequency_hz.size
-        hz = true.frequency_hz * linear[true.mode] * (1 + 1e-4 * rng.standard_normal(n))
+        hz = np.sqrt(true.eigenvalue + shift[true.mode]) / (2 * np.pi) * (1 + 1e-4 * rng.standard_normal(n))
         force = gain * true.force_n * (1 + 0.005 * rng.standard_normal(n))
         found.append(replace(true, frequency_hz=hz, amplitude=shapes, force_n=force))
     return tuple(found)

@@ -75,8 +75,8 @@ class MeasuredBackbone:
         sensors: names of the sensors.
         files: the file of the backbone, and those of its study.
         drive: the sensor at which the force acts; "" where the force is not known.
-        force_n: (n_points,) the part of the force that is in quadrature with the controlled sensor, N; None where it is
-            not known.
+        force_n: (n_points,) the part of the force that works, N: the work of a cycle over pi times the amplitude of the
+            drive point, which is the force where it is in quadrature with the drive point; None where it is not known.
 
     Raises:
         InputError: too few points, counts that do not match, values that are not finite or not positive, an amplitude

@@ -120,14 +120,15 @@ def convert_curve(curve: MeasuredCurve, drive: str) -> MeasuredBackbone:
         amplitude=curve.amplitude[kept],
         sensors=curve.sensors,
         drive=drive,
-        force_n=_find_force_in_quadrature(curve)[kept],
+        force_n=_find_working_force(curve, drive)[kept],
     )
 
 
-def _find_force_in_quadrature(curve: MeasuredCurve) -> FloatArray:
-    """Return the part of the force that is in quadrature with the controlled sensor, (n,), N."""
-    held = curve.harmonics[:, curve.sensors.index(curve.controlled_sensor), 0]
-    return np.asarray(np.abs((curve.force[:, 0] * held.conj()).imag) / np.abs(held))
+def _find_working_force(curve: MeasuredCurve, drive: str) -> FloatArray:
+    """Return the work of the force in a cycle over pi times the amplitude of the drive point, (n,), N."""
+    row = curve.sensors.index(drive)
+    work = np.abs((curve.force[:, 0] * curve.harmonics[:, row, 0].conj()).imag)
+    return np.asarray(work / np.abs(curve.amplitude[:, row]))
 
 
 def synthetic_backbones(
