@@ -27,13 +27,14 @@ from harness import table_head, table_row
 from tqdm import tqdm
 
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.updating.identification import predict, update_study
+from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
 from opid.updating.likelihood.curves import likelihood_function
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior, StiffnessFactor
 from opid.updating.posterior import update_class
+from opid.updating.prediction import predict
 from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from opid.mechanics.backbones.family import backbone
-from opid.updating.identification import predict
+from opid.updating.prediction import predict
 from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.posterior import update_class
 
