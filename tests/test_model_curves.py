@@ -10,7 +10,6 @@ from opid.errors import NotDeterminedError
 from opid.json_values import plain
 from opid.mechanics.backbones.family import family_evaluator
 from opid.updating import prediction, warnings
-from opid.updating.prediction import predict
 from opid.updating.likelihood import curves
 from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.likelihood.curves import (
@@ -23,6 +22,7 @@ from opid.updating.likelihood.curves import (
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import PAPER_CLASSES
 from opid.updating.posterior import update_class
+from opid.updating.prediction import predict
 from opid.updating.settings import UPDATING
 from opid.updating.structure.reduction import reduce
 from opid.updating.warnings import warn_of_choice, warn_of_curves

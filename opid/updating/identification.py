@@ -19,7 +19,7 @@ from opid.updating.likelihood.error_growth import growth_of_linear_error
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
 from opid.updating.likelihood.noise import UNMENDED_GROWTH
 from opid.updating.linear_updating import update_linear
-from opid.updating.measured import by_mode, reached_extensions
+from opid.updating.measured import by_mode
 from opid.updating.model_class import ModelClass, StiffnessFactor
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
@@ -255,8 +255,7 @@ def _predict(
         # No curve corrects the error of the factors in a mode without curves.
         data, (model_class,) = _free_factors(study, linear, data, [model_class])
         theta = np.hstack([theta, linear.samples[rng.integers(len(linear.samples), size=len(theta))]])
-    reached = reached_extensions(data.system, study.backbones)
-    others, extrapolated = predict_unmeasured(data, model_class, theta, study.prediction, reached=reached, rng=rng)
+    others, extrapolated = predict_unmeasured(data, model_class, theta, study.prediction, study.backbones, rng=rng)
     return (*bands, *others), [*told, *extrapolated]
 
 

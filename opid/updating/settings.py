@@ -90,6 +90,8 @@ class UpdatingThresholds:
     ruled_out: float = 10.0  # log evidence below that of the best, odds of 22,000 to 1, of a class that data rule out
     # fraction of the measured points in a 95 % band below which law or linear structure are wrong
     poor_coverage: float = 0.8
+    # the same fraction for curves that are left out, of which there may be few: one odd curve of five lowers it to 0.8
+    poor_left_out: float = 0.7
     n_predicted: int = 200  # draws that make a band: its ends are then 0.15 deviations off
     n_left_out: int = 400  # draws that make the band of a curve that is left out; its ends are then 0.1 deviations off
     # draws that the likelihood of the other modes must leave of these, so that they tell the parameters

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from opid.updating.checks import joint_fault
 from opid.updating.likelihood.backbones import BackboneData
 from opid.updating.likelihood.curves import make_solver
 from opid.updating.likelihood.noise import UNMENDED_GROWTH, draw_linear_errors
-from opid.updating.measured import MeasuredBackbone, by_mode
+from opid.updating.measured import MeasuredBackbone, by_mode, reached_extensions
 from opid.updating.model_class import ModelClass
 from opid.updating.prediction import N_AMPLITUDES, draw_motions, fill_gaps, find_band, to_hz
 from opid.updating.result import BackboneBand, SensorBand
@@ -30,8 +30,9 @@ class PredictionSettings:
         modes: numbers of these modes, from 1.
         sensor: name of the sensor over whose amplitude they are predicted; where left out, that which moves most in
             each mode.
-        amplitude_m: smallest and largest amplitude of that sensor, m; where left out, a joint extends at the largest
-            one as far as in the tests, and the smallest is a twentieth of it.
+        amplitude_m: smallest and largest amplitude of that sensor, m; where left out, no joint extends farther at the
+            largest one than in the tests, and it is no larger than that of any sensor there; the smallest is a
+            twentieth of it.
 
     Raises:
         InputError: numbers below 1 or given twice, or amplitudes that are not positive or do not grow.
@@ -91,8 +92,8 @@ def predict_unmeasured(
     model_class: ModelClass,
     theta: FloatArray,
     wanted: PredictionSettings,
+    measured: Sequence[MeasuredBackbone],
     *,
-    reached: Mapping[int, float],
     rng: np.random.Generator,
 ) -> tuple[tuple[BackboneBand, ...], list[str]]:
     """Return the 95 % bands of the backbones of modes without curves, and a sentence for each that extrapolates.
@@ -106,10 +107,12 @@ def predict_unmeasured(
         model_class: the class that predicts, with these factors where there are any.
         theta: (n, n_parameters) draws of its parameters.
         wanted: the modes.
-        reached: the largest extension of a joint in the tests of each measured mode, m.
+        measured: the backbones that were measured, which tell how far the tests reached.
         rng: source of chance.
     """
     noise, system = data.noise, data.system
+    extended = max(reached_extensions(system, measured).values(), default=0.0)
+    moved = max(float(np.abs(one.amplitude).max()) for one in measured)
     growth_of_error = noise.growth_of_linear_error
     if data.structure is not None and noise.linear_error_growth is None:
         growth_of_error = UNMENDED_GROWTH  # The errors of the factors are drawn with theta.
@@ -117,7 +120,9 @@ def predict_unmeasured(
     told: list[str] = []
     for mode in wanted.modes:
         sensor = _choose_sensor(wanted, system, mode)
-        amplitude = _choose_amplitudes(wanted, system, mode, sensor, max(reached.values(), default=0.0))
+        most = min(moved, extended / system.extension_over(mode, sensor))
+        ends = (UPDATING.least_amplitude * most, most) if wanted.amplitude_m is None else wanted.amplitude_m
+        amplitude = np.linspace(*ends, N_AMPLITUDES)
         found = make_solver(data, model_class, mode, sensor, amplitude)(theta)
         linear, controlled = float(system.eigenvalue[system.index(mode)]), system.sensor(sensor)
         growth = fill_gaps(found.eigenvalue, linear) / linear - 1
@@ -133,7 +138,7 @@ def predict_unmeasured(
         bands.append(
             BackboneBand(mode, sensor, amplitude, middle, low, high, nothing, is_measured=False, sensors=tuple(sensors))
         )
-        told += _warn_of_extrapolation(mode, system.extension_over(mode, sensor) * float(amplitude[-1]), reached)
+        told += _warn_of_extrapolation(mode, system.extension_over(mode, sensor) * float(amplitude[-1]), extended)
     return tuple(bands), told
 
 
@@ -142,19 +147,11 @@ def _choose_sensor(wanted: PredictionSettings, system: JointedModes, mode: int) 
     return most if wanted.sensor is None else wanted.sensor
 
 
-def _choose_amplitudes(
-    wanted: PredictionSettings, system: JointedModes, mode: int, sensor: str, reached: float
-) -> FloatArray:
-    most = reached / system.extension_over(mode, sensor)
-    low, high = (UPDATING.least_amplitude * most, most) if wanted.amplitude_m is None else wanted.amplitude_m
-    return np.linspace(low, high, N_AMPLITUDES)
-
-
-def _warn_of_extrapolation(mode: int, extension: float, reached: Mapping[int, float]) -> Iterator[str]:
-    """Yield a sentence if a joint extends farther in a mode to predict than in the tests."""
-    most = max(reached.values(), default=0.0)
-    if extension > (1 + 1e-9) * most:
+def _warn_of_extrapolation(mode: int, extension: float, reached: float) -> Iterator[str]:
+    """Yield a sentence if a joint extends farther in a mode to predict than it reached in the tests, m."""
+    if extension > (1 + 1e-9) * reached:
         yield (
             f"mode {mode}: a joint extends by up to {1e3 * extension:.3g} mm in its prediction, and by "
-            f"{1e3 * most:.3g} mm in the tests: the law is extrapolated beyond that, and its band may be too narrow"
+            f"{1e3 * reached:.3g} mm in the tests: the law is extrapolated beyond that, and the band may be too narrow "
+            "there"
         )
