@@ -238,7 +238,7 @@ def _leave_curves_out(
     n_curves = int(mode.curve[-1]) + 1
     if mode.frequency_noise is None or n_curves < 2:
         return []
-    at_nodes, shapes = _draw_curves(data, mode, posterior, rng)
+    at_nodes, shapes = _draw_curves(data, mode, posterior, UPDATING.n_left_out, rng)
     if not len(at_nodes):
         return []
     motions, held = _find_motions(data, mode), []
@@ -272,7 +272,7 @@ def _leave_mode_out(
     """
     if mode.errors is None or len(data.modes) < 2:
         return None
-    at_nodes, shapes = _draw_curves(data, mode, posterior, rng)
+    at_nodes, shapes = _draw_curves(data, mode, posterior, UPDATING.n_weighed, rng)
     if not len(at_nodes):
         return None
     chance = -weigh_as_recommended(mode, at_nodes, shapes)
@@ -294,17 +294,17 @@ def _leave_mode_out(
 
 
 def _draw_curves(
-    data: BackboneData, mode: ModeData, posterior: ClassPosterior, rng: np.random.Generator
+    data: BackboneData, mode: ModeData, posterior: ClassPosterior, n: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Draw lambda, (n, n_nodes), and unit shapes of a mode at its nodes from the posterior, without lost curves."""
-    theta = posterior.samples[rng.integers(len(posterior.samples), size=UPDATING.n_left_out)]
+    theta = posterior.samples[rng.integers(len(posterior.samples), size=n)]
     at_nodes, shapes, _, lost = make_curves(data, mode, posterior.model_class)(theta)
     return at_nodes[~lost], shapes[~lost]
 
 
 def _choose(chance: FloatArray, rng: np.random.Generator) -> IntArray:
-    """Return as many numbers of draws as there are, drawn by the logarithms of their weights."""
-    return np.asarray(np.argmax(chance + rng.gumbel(size=(chance.size, chance.size)), axis=1))
+    """Return numbers of draws, (n_left_out,), drawn by the logarithms of their weights."""
+    return np.asarray(np.argmax(chance + rng.gumbel(size=(UPDATING.n_left_out, chance.size)), axis=1))
 
 
 def _lie_within(values: FloatArray, drawn: FloatArray) -> FloatArray:

@@ -94,7 +94,9 @@ class UpdatingThresholds:
     poor_left_out: float = 0.7
     n_predicted: int = 200  # draws that make a band: its ends are then 0.15 deviations off
     n_left_out: int = 400  # draws that make the band of a curve that is left out; its ends are then 0.1 deviations off
-    # draws that the likelihood of the other modes must leave of these, so that they tell the parameters
+    # draws that are weighed by the likelihood of the other modes, ...
+    n_weighed: int = 2000
+    # ... and number of equal ones that they must be worth: fewer do not tell how uncertain the parameters are
     fewest_left: float = 30.0
     # smallest amplitude of a mode without curves over its largest one, as in usual tests
     least_amplitude: float = 0.05
