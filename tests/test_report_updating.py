@@ -128,7 +128,10 @@ def test_json_has_the_schema_and_is_strict(result):
     assert len(document["measured"]) == 8
     assert len(document["measured"][0]["amplitude"]["10"]) == 12
     band = document["prediction"][0]
-    assert set(band) == {"mode", "sensor", "amplitude", "frequency_hz", "low_hz", "high_hz", "coverage", "left_out"}
+    assert set(band) == {
+        *("mode", "sensor", "amplitude", "frequency_hz", "low_hz", "high_hz", "coverage", "left_out", "mode_left_out"),
+        *("is_measured", "sensors"),
+    }
     assert {"warnings", "not_determined", "settings", "form", "title"} <= set(document)
 
 
