@@ -80,7 +80,7 @@ def tabulate_unmeasured(result: Updating) -> Table:
             height = format_number(1e3 * float(band.amplitude[at]), 3)
             rows.append((str(band.mode), band.sensor, height, cells[0], f"{cells[1]} to {cells[2]}"))
     return Table(
-        build_columns("mode", "sensor", "amplitude, mm", "frequency, Hz", "95 % band, Hz"),
+        build_columns("predicted mode", "sensor", "amplitude, mm", "frequency, Hz", "95 % band, Hz"),
         tuple(rows),
         "Modes without curves",
         note="No curve of these modes was measured, and none corrects the error of the linear structure there: it is "
@@ -107,7 +107,7 @@ def list_predicted_figures(result: Updating) -> Iterator[Figure]:
         yield Figure(
             f"motions_mode_{band.mode}",
             f"Mode {band.mode}: motion of every sensor",
-            f"Motion of each sensor over that of sensor {band.sensor}, which is controlled, with its 95 % band; below 0 "
+            f"Motion of each sensor over that of sensor {band.sensor}, which is controlled, and its 95 % band; below 0 "
             "they move against each other. A line that is not level is a shape that changes with the "
             "amplitude. Points are the measured curves; where there are none, the band is that of the motion itself."
             if number == 0

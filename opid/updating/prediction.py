@@ -238,7 +238,7 @@ def _leave_curves_out(
     n_curves = int(mode.curve[-1]) + 1
     if mode.frequency_noise is None or n_curves < 2:
         return []
-    at_nodes, shapes = _draw_curves(data, mode, posterior, UPDATING.n_left_out, rng)
+    at_nodes, shapes = _draw_curves(data, mode, posterior, UPDATING.n_predicted, rng)
     if not len(at_nodes):
         return []
     motions, held = _find_motions(data, mode), []
@@ -303,8 +303,8 @@ def _draw_curves(
 
 
 def _choose(chance: FloatArray, rng: np.random.Generator) -> IntArray:
-    """Return numbers of draws, (n_left_out,), drawn by the logarithms of their weights."""
-    return np.asarray(np.argmax(chance + rng.gumbel(size=(UPDATING.n_left_out, chance.size)), axis=1))
+    """Return numbers of draws, (n_predicted,), drawn by the logarithms of their weights."""
+    return np.asarray(np.argmax(chance + rng.gumbel(size=(UPDATING.n_predicted, chance.size)), axis=1))
 
 
 def _lie_within(values: FloatArray, drawn: FloatArray) -> FloatArray:

@@ -92,8 +92,7 @@ class UpdatingThresholds:
     poor_coverage: float = 0.8
     # the same fraction for curves that are left out, of which there may be few: one odd curve of five lowers it to 0.8
     poor_left_out: float = 0.7
-    n_predicted: int = 200  # draws that make a band: its ends are then 0.15 deviations off
-    n_left_out: int = 400  # draws that make the band of a curve that is left out; its ends are then 0.1 deviations off
+    n_predicted: int = 400  # draws that make a band: its ends are then 0.1 deviations off
     # draws that are weighed by the likelihood of the other modes, ...
     n_weighed: int = 2000
     # ... and number of equal ones that they must be worth: fewer do not tell how uncertain the parameters are
