@@ -7,9 +7,10 @@ its first bending mode and 5 of its second, class 2 with theta = 1.58: "large" e
 of 0.4 % is one of each modal frequency ("mode") or of both moduli, 0.8 % each ("moduli"). In rows "pylons" one pylon is
 cubic and the other quadratic. Rows "coverage study" run both phases from nominal moduli; the other ones of coverage
 take the structure with its linear error as it is. Row "damping" has curves of damped pylons under a force, whose modes
-have damping ratios that are known within 3 %. Rows "joint" update both moduli together with two coefficients of each
-pylon by the no-U-turn sampler, in one core; "joint evidence" compares the evidence with nested sampling (`pip install
-dynesty`).
+have damping ratios that are known within 3 %. Rows "every sensor" predict motions, and mode 10, of which no curve is
+made; "wrong law" fits class 1, and in "wrong structure" the linear error is 2 % where 0.4 % are stated. Rows "joint"
+update both moduli together with two coefficients of each pylon by the no-U-turn sampler, in one core; "joint evidence"
+compares the evidence with nested sampling (`pip install dynesty`).
 """
 
 import argparse
@@ -28,19 +29,23 @@ import numpy as np
 from harness import table_head, table_row
 from tqdm import tqdm
 
+from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen, quadrature_curve
 from opid.mechanics.laws.law import Law, Term
-from opid.updating.identification import predict, update_study
+from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
 from opid.updating.likelihood.curves import likelihood_function
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior, StiffnessFactor, UncertainTerm
 from opid.updating.posterior import update_class
+from opid.updating.prediction import predict
+from opid.updating.settings import UPDATING
 from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
+from opid.updating.unmeasured_modes import PredictionSettings, predict_unmeasured
 from opid.virtual.backbone_tests.measured import (
     AMPLITUDE_M,
     BENDING_MODES,
@@ -52,6 +57,7 @@ from opid.virtual.backbone_tests.wing_engine import UPDATED, laws_of_pylons, win
 
 FACTORS = tuple(UPDATED.values())
 CLASSES, TRUTH, THETA = PAPER_CLASSES, PAPER_CLASSES[1], 1.58
+UNUSED = 10  # a mode in which the pylons bend, and of which no curve is made
 PYLONS = (1.58, 1.2)  # theta of a cubic and of a quadratic pylon
 DAMPERS, RATIO, DRIVE = (0.1, 0.5), 0.001, "5"  # N s/m, N s^2/m^2; of the modes; where the force acts
 ERRORS = {
@@ -319,6 +325,47 @@ def damping(seed: int) -> Figures:
     return figures
 
 
+def every_sensor(seed: int, errors: str, fault: str = "") -> Figures:
+    """Bands of every sensor, of curves and modes left out, and of a mode that was not used.
+
+    With a fault the law is a wrong one (class 1), or the linear error is 2 % where 0.4 % are stated.
+    """
+    model_class, share = CLASSES[0] if fault == "law" else TRUTH, 0.02 if fault == "structure" else 0.004
+    rng = np.random.default_rng(seed)
+    measured = synthetic_backbones(system(), TRUTH, (THETA,), rng=rng, linear_error=share, **ERRORS[errors])
+    data = prepared(measured, "recommended")
+    found = update_class(data, model_class, rng=rng, n_samples=2200)
+    figures = {}
+    for band in predict(data, found, measured, rng=rng):
+        figures[f"motions of curves left out within their bands, mode {band.mode}"] = float(
+            np.mean([own.left_out for own in band.sensors])
+        )
+        figures[f"the sensor with the fewest, mode {band.mode}"] = min(own.left_out for own in band.sensors)
+        figures[f"points of a whole mode left out, mode {band.mode}"] = (
+            np.nan if band.mode_left_out is None else band.mode_left_out
+        )
+    theta = found.samples[rng.integers(len(found.samples), size=UPDATING.n_predicted)]
+    wanted = PredictionSettings(modes=(UNUSED,))
+    (band,), _ = predict_unmeasured(data, model_class, theta, wanted, measured, rng=rng)
+    # The frequency of this mode has an error of its own, as that of those that were measured.
+    eigenvalue = system().eigenvalue.copy()
+    eigenvalue[UNUSED - 1] *= (1 + share * np.random.default_rng([seed, 1]).standard_normal()) ** 2
+    true_system, law = replace(system(), eigenvalue=eigenvalue), TRUTH.law("9-10", (THETA,))
+    true = backbone(true_system, law, mode=UNUSED, sensor=band.sensor, amplitude=band.amplitude, harmonics=(1, 3, 5, 7))
+    held = [
+        np.mean((own.low <= motion) & (motion <= own.high))
+        for own in band.sensors
+        for motion in [true.shapes[:, true_system.sensor(own.sensor)]]
+    ]
+    return figures | {
+        f"true frequency of mode {UNUSED}, not used, within its band": float(
+            np.mean((band.low_hz <= true.frequency_hz) & (true.frequency_hz <= band.high_hz))
+        ),
+        f"true motions of mode {UNUSED} within their bands": float(np.mean(held)),
+        "half width of its band, %": 50 * float(np.mean((band.high_hz - band.low_hz) / band.frequency_hz)),
+    }
+
+
 def evidence(seed: int, form: str, errors: str) -> Figures:
     data = prepared(backbones(seed, errors), form)
     figures = {}
@@ -360,6 +407,8 @@ ROWS: dict[str, Row] = {
     "joint evidence": (joint_evidence, ("small", "mode"), 3),
     **{f"bands {form} {errors}": (bands, (form, errors), 30) for form in FORMS[:2] for errors in ERRORS},
     "damping": (damping, (), 60),
+    **{f"every sensor {errors}": (every_sensor, (errors,), 30) for errors in ERRORS},
+    **{f"every sensor wrong {fault}": (every_sensor, ("small", fault), 10) for fault in ("law", "structure")},
     **{f"evidence {form} large": (evidence, (form, "large"), 10) for form in FORMS[:2]},
     **{f"times {form}": (times, (form,), 3) for form in FORMS[:2]},
 }  # fmt: skip
@@ -376,7 +425,9 @@ def one(job: tuple[str, int]) -> tuple[str, Figures | str]:
 
 def lines(name: str, found: list[Figures]) -> Iterator[str]:
     for key in found[0]:
-        values = np.array([each[key] for each in found])
+        values = np.array([each[key] for each in found if np.isfinite(each[key])])  # a set may lack a figure
+        if not values.size:
+            continue
         spread = f"{np.mean(values):.4g}", f"{np.std(values):.3g}", f"{values.min():.4g}", f"{values.max():.4g}"
         yield table_row(name, key, *spread, values.size)
 

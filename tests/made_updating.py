@@ -1,5 +1,6 @@
 """An updating made by hand: six sensors and two joints, two modes, three classes, and what would be found of them."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,7 @@ from opid.mechanics.laws.law import Law, Term
 from opid.mechanics.truth import UpdatingTruth
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
-from opid.updating.result import BackboneBand, ClassPosterior, LinearMode, LinearPosterior, Updating
+from opid.updating.result import BackboneBand, ClassPosterior, LinearMode, LinearPosterior, SensorBand, Updating
 from opid.updating.sampling.chains import Diagnostics
 from opid.updating.sampling.evidence import Evidence
 
@@ -136,6 +137,19 @@ def small_bands(modes=(1, 2), sensors=SENSORS):
                 BackboneBand(mode, sensor, ratio * amplitude, frequency, 0.995 * frequency, 1.005 * frequency, 0.94)
             )
     return tuple(bands)
+
+
+def small_motions(mode=1, **changes):
+    """What the cubic class predicts of a mode over the controlled sensor, with the motion of the others."""
+    (band,) = small_bands(modes=(mode,), sensors=(CONTROLLED,))
+    shape = small_system().at_sensors[:, mode - 1]
+    ratio = dict(zip(SENSORS, shape / shape[SENSORS.index(CONTROLLED)], strict=True))
+    sensors = tuple(
+        SensorBand(name, ratio[name] * band.amplitude, (ratio[name] - 0.05) * band.amplitude,
+                   (ratio[name] + 0.05) * band.amplitude, 0.96, 0.93)
+        for name in SENSORS if name != CONTROLLED
+    )  # fmt: skip
+    return replace(band, sensors=sensors, left_out=0.95, mode_left_out=0.9, **changes)
 
 
 def small_updating(**changes):

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from opid.mechanics.backbones.family import backbone
-from opid.updating.identification import predict
 from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.posterior import update_class
+from opid.updating.prediction import predict
 
 
 @pytest.fixture(scope="module", params=["recommended", "paper"])

@@ -9,8 +9,7 @@ import pytest
 from opid.errors import NotDeterminedError
 from opid.json_values import plain
 from opid.mechanics.backbones.family import family_evaluator
-from opid.updating import identification, warnings
-from opid.updating.identification import predict
+from opid.updating import prediction, warnings
 from opid.updating.likelihood import curves
 from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.likelihood.curves import (
@@ -23,6 +22,7 @@ from opid.updating.likelihood.curves import (
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import PAPER_CLASSES
 from opid.updating.posterior import update_class
+from opid.updating.prediction import predict
 from opid.updating.settings import UPDATING
 from opid.updating.structure.reduction import reduce
 from opid.updating.warnings import warn_of_choice, warn_of_curves
@@ -72,7 +72,7 @@ def with_holes(monkeypatch, fails, module=curves, maker="family_evaluator"):
 
 def with_holes_in_bands(monkeypatch, fails):
     """Let points of predicted bands fail: `fails` takes theta (n,) and amplitudes."""
-    with_holes(monkeypatch, fails, identification, "make_solver")
+    with_holes(monkeypatch, fails, prediction, "make_solver")
 
 
 def between(low, high):
@@ -292,12 +292,12 @@ def test_a_band_runs_smoothly_past_an_interaction(wing):
 
 def test_a_law_without_any_curve_has_no_band(predicted, measured, monkeypatch):
     data, found, _ = predicted
-    made_curves = identification.make_curves
+    made_curves = prediction.make_curves
 
     def lose_all(*args):
         return lambda theta: (*made_curves(*args)(theta)[:3], np.ones(len(theta), dtype=bool))
 
-    monkeypatch.setattr(identification, "make_curves", lose_all)
+    monkeypatch.setattr(prediction, "make_curves", lose_all)
     if data.form == "recommended":
         with pytest.raises(NotDeterminedError):
             predict(data, found, measured, rng=np.random.default_rng(0))

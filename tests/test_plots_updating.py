@@ -5,7 +5,16 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
-from made_updating import CONTROLLED, CUBIC, SENSORS, small_bands, small_linear, small_measured, small_updating
+from made_updating import (
+    CONTROLLED,
+    CUBIC,
+    SENSORS,
+    small_bands,
+    small_linear,
+    small_measured,
+    small_motions,
+    small_updating,
+)
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 
@@ -52,6 +61,8 @@ def modes_of_reduction():
 DRAWN = {
     "measured": lambda: plots.measured_backbones(small_measured(), 1, sensors=SENSORS[:2]),
     "predicted": lambda: plots.predicted_backbones(small_bands(sensors=SENSORS[:2]), small_measured(), 2),
+    "predicted without curves": lambda: plots.predicted_backbones(small_bands(sensors=SENSORS[:1]), (), 1),
+    "predicted_motions": lambda: plots.predicted_motions(small_motions(), small_measured()),
     "log_evidences": lambda: plots.log_evidences(small_updating()),
     "joint_forces": forces,
     "linear_updating": lambda: plots.linear_updating(small_linear()),
@@ -134,6 +145,22 @@ def test_a_sensor_that_a_curve_lacks_is_left_out():
     few = replace(measured[0], amplitude=measured[0].amplitude[:, :2], sensors=SENSORS[:2])
     grid = plots.measured_backbones([few, measured[1]], 1, sensors=["10", "13"])
     assert [len(ax.lines) for ax in grid.ravel()] == [2, 1]
+
+
+def test_motions_are_drawn_over_that_of_the_controlled_sensor():
+    band = small_motions(1)
+    grid = plots.predicted_motions(band, small_measured())
+    drawn = axes_of(grid)
+    assert [ax.get_title(loc) for ax in drawn for loc in ("left", "center") if ax.get_title(loc)] == [
+        f"sensor {name}" for name in SENSORS if name != CONTROLLED
+    ]
+    line, *curves = drawn[0].lines
+    assert line.get_ydata() == pytest.approx(0.04 / 0.9)
+    assert len(curves) == 5
+    first = small_measured()[0]
+    assert curves[0].get_ydata() == pytest.approx(first.amplitude[:, 0] / first.amplitude[:, 1])
+    with pytest.raises(InputError, match="has no band of a sensor: take the recommended form"):
+        plots.predicted_motions(replace(band, sensors=()), small_measured())
 
 
 def test_a_mode_that_is_not_there_is_refused():

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from made_updating import CUBIC, small_system, small_truth, small_updating
+from made_updating import CUBIC, small_motions, small_system, small_truth, small_updating
 
 import opid
 from opid.errors import InputError
@@ -128,7 +128,10 @@ def test_json_has_the_schema_and_is_strict(result):
     assert len(document["measured"]) == 8
     assert len(document["measured"][0]["amplitude"]["10"]) == 12
     band = document["prediction"][0]
-    assert set(band) == {"mode", "sensor", "amplitude", "frequency_hz", "low_hz", "high_hz", "coverage", "left_out"}
+    assert set(band) == {
+        *("mode", "sensor", "amplitude", "frequency_hz", "low_hz", "high_hz", "coverage", "left_out", "mode_left_out"),
+        *("is_measured", "sensors"),
+    }
     assert {"warnings", "not_determined", "settings", "form", "title"} <= set(document)
 
 
@@ -237,6 +240,34 @@ def test_bands_of_one_mode_and_sensor_share_a_cell(result):
     table = tables_of(several)["within the band"]
     assert [column.head for column in table.columns] == ["within the band", "mode 1", "mode 2"]
     assert table.rows == (("sensor 10", "94 %, 50 %", "-"),)
+
+
+def test_motions_of_every_sensor_are_counted_and_drawn_in_a_part_that_is_folded(result):
+    whole = replace(result, prediction=(small_motions(1), small_motions(2)))
+    table = tables_of(whole)["motion within its band"]
+    assert [column.head for column in table.columns][1:] == ["mode 1", "mode 2"]
+    assert table.rows[0] == ("sensor 9", "93 % (96 %)", "93 % (96 %)")
+    assert len(table.rows) == 5
+    figures = [figure for figure in build_document(whole).figures if figure.name.startswith("motions_mode_")]
+    assert [figure.name for figure in figures] == ["motions_mode_1", "motions_mode_2"]
+    assert {table.fold, *(figure.fold for figure in figures)} == {"Motion of every sensor"}
+    rows = tables_of(whole)["within the band"].rows
+    assert [row[0] for row in rows[1:]] == ["its curves left out in turn", "all curves of the mode left out"]
+    assert rows[2][1:] == ("90 %", "90 %")
+    assert "motion within its band" not in tables_of(result)
+
+
+def test_modes_without_curves_have_a_table_and_a_figure(result):
+    nothing = {"is_measured": False, "coverage": np.nan}
+    third = replace(small_motions(2, **nothing), mode=3, left_out=None, mode_left_out=None)
+    whole = replace(result, prediction=(small_motions(1), third))
+    lowest, highest = tables_of(whole)["predicted mode"].rows
+    assert (lowest[:3], highest[2]) == (("3", "10", "0.2"), "2.5")
+    assert lowest[4] == f"{0.995 * third.frequency_hz[0]:.3f} to {1.005 * third.frequency_hz[0]:.3f}"
+    assert [column.head for column in tables_of(whole)["within the band"].columns] == ["within the band", "mode 1"]
+    (figure,) = (each for each in build_document(whole).figures if each.name == "predicted_mode_3")
+    assert "was not measured" in figure.text
+    figure.draw()
 
 
 def test_the_forces_of_joints_that_the_tests_do_not_move_are_drawn(result):

@@ -17,6 +17,7 @@ from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import write_structure
 from opid.updating.structure.reduction import reduce
+from opid.updating.unmeasured_modes import PredictionSettings
 
 STUDY = """
 title = "A chain"
@@ -175,6 +176,18 @@ def test_what_is_wrong_with_many_files_is_said_once(place):
         text += f'[[backbones]]\nfile = "{number}.csv"\nmode = 1\ncontrolled_sensor = "tip"\n'
     told = refused(place, text, "[[backbones]] 5 files ('0.csv' and 4 others): the column 'tipp [mm]' is not a sensor")
     assert "faults" not in told
+
+
+def test_modes_to_predict_are_read_and_written(place):
+    assert study_of(place, STUDY).prediction == PredictionSettings()
+    table = '[prediction]\nmodes = [2]\nsensor = "b"\namplitude_m = [1e-4, 2e-3]\n'
+    study = study_of(place, STUDY + table)
+    assert study.prediction == PredictionSettings(modes=(2,), sensor="b", amplitude_m=(1e-4, 2e-3))
+    (place / "again").mkdir()
+    write_study(study, place / "again" / "study.toml")
+    assert read_study(place / "again" / "study.toml").prediction == study.prediction
+    refused(place, STUDY + table.replace("[2]", "[1]"), "mode 1 is to be predicted and has backbones, leave it out")
+    refused(place, STUDY + table.replace("1e-4", "1"), "[prediction]: amplitude_m is [1", "give a smallest")
 
 
 COORDINATES = """

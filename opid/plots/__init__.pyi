@@ -89,6 +89,7 @@ from .updating import (
     mode_shape as mode_shape,
     parameter_samples as parameter_samples,
     predicted_backbones as predicted_backbones,
+    predicted_motions as predicted_motions,
     reduction_figure as reduction_figure,
     running_moments as running_moments,
 )

@@ -37,6 +37,7 @@ from opid.updating.result import BackboneBand, ClassPosterior, DampingBand, Line
 from opid.updating.structure.reduction import ReductionErrors
 
 _COLUMNS = 3
+_SMALL_COLUMNS = 5  # of small panels: fourteen sensors take three rows
 
 _METHODS = {
     "laplace": ("o", "Laplace"),
@@ -183,6 +184,52 @@ def effective_damping(bands: Sequence[DampingBand], axes: Any = None) -> np.ndar
     return grid
 
 
+def predicted_motions(band: BackboneBand, measured: Sequence[MeasuredBackbone], axes: Any = None) -> np.ndarray:
+    """Draw the motion of each sensor over that of the controlled one with its 95 % band, over the measured points.
+
+    Motions are nearly proportional to each other, so that their ratio shows the band and how the shape changes.
+
+    Args:
+        band: the prediction of one mode, with bands of its sensors; one small panel each. A band breaks off where it is
+            nan.
+        measured: the backbones, of all modes.
+        axes: as many Axes as panels, or None for a new figure.
+
+    Returns:
+        Axes, in rows of five; those without a sensor are empty.
+
+    Raises:
+        InputError: the band has none of a sensor.
+    """
+    if not band.sensors:
+        raise InputError(f"the prediction of mode {band.mode} has no band of a sensor: take the recommended form")
+    curves = [one for one in measured if one.mode == band.mode and band.sensor in one.sensors]
+    factor, unit = _choose_length_unit(float(band.amplitude.max()))
+    n = len(band.sensors)
+    columns = min(n, _SMALL_COLUMNS) if axes is None else n
+    with house_style():
+        grid = panels_in_rows(axes, n, columns, height_in=0.7 + 1.5 * -(-n // columns), sharex=True)
+        for number, (ax, own) in enumerate(zip(grid.ravel(), band.sensors, strict=False)):
+            low, motion, high = (each / band.amplitude for each in (own.low, own.motion, own.high))
+            ax.fill_between(factor * band.amplitude, low, high, color=VERMILION, alpha=0.22, linewidth=0)
+            ax.plot(factor * band.amplitude, motion, color=VERMILION, linewidth=1.2)
+            for curve in (curve for curve in curves if own.sensor in curve.sensors):
+                held, values = (curve.amplitude[:, curve.sensors.index(name)] for name in (band.sensor, own.sensor))
+                ax.plot(
+                    factor * np.abs(held), values / held, color=INK, linestyle="none", marker=".", markersize=1.5,
+                    alpha=0.45,
+                )  # fmt: skip
+            ax.set_title(f"sensor {own.sensor}", fontsize=8)
+            ax.tick_params(labelsize=7, labelbottom=number >= n - columns)
+            ax.xaxis.set_major_locator(MaxNLocator(nbins=3))
+            ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
+        for row in grid:
+            row[0].set_ylabel("ratio of motions", fontsize=8)
+        for ax in grid.ravel()[max(0, n - columns) : n]:
+            ax.set_xlabel(f"sensor {band.sensor} [{unit}]", fontsize=8)
+    return grid
+
+
 def _make_grid(n: int, axes: Any) -> np.ndarray:
     """Rows of three panels; those beyond the last one are empty."""
     if axes is not None:
@@ -204,7 +251,7 @@ def _find_largest(curves: Sequence[MeasuredBackbone], sensor: str) -> float:
 
 
 def _choose_length_unit(largest: float) -> tuple[float, str]:
-    """A factor from metres and its unit that make amplitudes easy to read."""
+    """Return a factor from metres and its unit that make amplitudes easy to read."""
     if largest >= 1:
         return 1.0, "m"
     return (1e3, "mm") if largest >= 2e-5 else (1e6, "µm")

@@ -28,6 +28,13 @@ from opid.report.document import (
 from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.report.formulas import embed_formula
 from opid.report.sketch import sketch_joints
+from opid.report.updating_bands import (
+    format_fraction,
+    list_predicted_figures,
+    tabulate_coverage,
+    tabulate_motions,
+    tabulate_unmeasured,
+)
 from opid.updating.model_class import ClassParameter, StiffnessFactor, group_joints
 from opid.updating.result import ClassPosterior, LinearPosterior, ModeShape, Updating
 from opid.updating.sampling.chains import Diagnostics
@@ -82,7 +89,9 @@ def build_document(result: Updating, truth: UpdatingTruth | None = None) -> Docu
         _tabulate_evidences(result),
         _tabulate_sensitivities(result),
         _tabulate_sampling(result),
-        _tabulate_coverage(result),
+        tabulate_coverage(result),
+        tabulate_unmeasured(result),
+        tabulate_motions(result),
     )
     return Document(
         result.title or "Bayesian updating",
@@ -170,7 +179,7 @@ def _tabulate_confusion(result: Updating) -> Table:
     n_sets = 0 if found is None else found.n_sets
     return Table(
         build_columns("true class", *names),
-        tuple((name, *map(_format_percent, row)) for name, row in zip(names, rows, strict=True)),
+        tuple((name, *map(format_fraction, row)) for name, row in zip(names, rows, strict=True)),
         "Which class would be chosen",
         note="In each row one class is the truth: the fraction of sets of curves, drawn with its laws and with errors "
         f"like the measured ones ({n_sets} a row), in which each class has the largest evidence. A class that is often "
@@ -294,38 +303,6 @@ def _tabulate_sampling(result: Updating) -> Table:
     return Table(heads, tuple((name, *_format_diagnostics(known)) for name, known in each), fold=_NUMBERS)
 
 
-def _tabulate_coverage(result: Updating) -> Table:
-    """The fraction of measured points within the predicted band, with a row a sensor and a column a mode."""
-    modes = sorted({band.mode for band in result.prediction})
-    rows = []
-    for sensor in dict.fromkeys(band.sensor for band in result.prediction):
-        own = [band for band in result.prediction if band.sensor == sensor]
-        # a cell shows all bands of a mode and a sensor
-        cells = [
-            ", ".join(_format_percent(band.coverage) for band in own if band.mode == mode) or "-" for mode in modes
-        ]
-        rows.append((f"sensor {sensor}", *cells))
-        left_out = [
-            ", ".join(_format_percent(band.left_out) for band in own if band.mode == mode and band.left_out is not None)
-            for mode in modes
-        ]
-        if any(left_out):
-            rows.append(("its curves left out in turn", *(each or "-" for each in left_out)))
-    gaps = "".join(
-        f" The band of mode {band.mode} has no frequency at {band.n_missing} of its {band.amplitude.size} "
-        "amplitudes, where most draws of the parameters have no backbone; its figure has a gap there."
-        for band in result.prediction
-        if band.n_missing
-    )
-    return Table(
-        build_columns("within the band", *(f"mode {mode}" for mode in modes)),
-        tuple(rows),
-        note="Fraction of the measured points within the 95 % band of the best class. The class was fitted to these "
-        "points: it shows whether the errors are as large as assumed. Curves that are left out in turn, and judged by "
-        f"the band that the others give, are new to it: 92 to 98 % is as it should be.{gaps}",
-    )
-
-
 def _format_spread(std: float) -> str:
     """The standard deviation of a log evidence; "" if it is negligible."""
     return f"{std:.2f}" if std >= 0.005 else ""
@@ -335,16 +312,12 @@ def _format_evidence(found: Evidence) -> str:
     return with_std(found.log_evidence, found.std) if _format_spread(found.std) else f"{found.log_evidence:.2f}"
 
 
-def _format_percent(value: float) -> str:
-    return f"{100 * value:.0f} %" if math.isfinite(value) else "-"
-
-
 def _format_diagnostics(each: Diagnostics) -> tuple[str, ...]:
     return (
         each.sampler,
         str(each.n_samples),
         str(each.n_evaluations),
-        _format_percent(each.acceptance),
+        format_fraction(each.acceptance),
         f"{each.effective_samples:.0f}" if math.isfinite(each.effective_samples) else "-",
         f"{each.r_hat:.3f}" if math.isfinite(each.r_hat) else "-",
     )
@@ -355,7 +328,7 @@ def _format_diagnostics(each: Diagnostics) -> tuple[str, ...]:
 
 def say_reductions(result: Updating) -> tuple[str, ...]:
     """Return how well each reduced structure keeps the modes of the whole one (Song Fig. 7)."""
-    tested = sorted({curve.mode for curve in result.measured})
+    tested = sorted({curve.mode for curve in result.measured} | {band.mode for band in result.prediction})
     return tuple(_say_kept(each, tested) for each in result.reductions)
 
 
@@ -425,9 +398,10 @@ def list_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figu
     for number, posterior in kept:
         if posterior.model_class.name == result.best_class:
             yield _build_samples_figure(number, posterior, truth)
-    predicted = sorted({band.mode for band in result.prediction})
+    predicted = sorted({band.mode for band in result.prediction if band.is_measured})
     for mode in predicted:
         yield _build_predicted_figure(result, mode, is_first=mode == predicted[0])
+    yield from list_predicted_figures(result)
     if result.damping:
         yield _build_damping_figure(result)
     for number, posterior in kept:

@@ -34,6 +34,7 @@ from opid.updating.model_class import LINEAR_DAMPING, Family, ModelClass, Prior,
 from opid.updating.structure.affine import AffineStructure, find_joint_rows, name_faults
 from opid.updating.structure.matrices_file import checked_structure, write_structure
 from opid.updating.study import UpdatingSettings, UpdatingStudy
+from opid.updating.unmeasured_modes import PredictionSettings
 
 FACTOR_PRIOR = Prior("uniform", 0.05, 5.0)
 """Prior of a factor of the linear structure if the study names none: from a twentieth to five times nominal."""
@@ -273,6 +274,7 @@ class _Study(_derive_settings("form", "harmonics")):  # type: ignore[misc]
     classes: Annotated[tuple[ClassTable, ...], BACKBONES.needs["classes"]]
     sampling: _Sampling = _Sampling()
     noise: NoiseSettings = field(default_factory=NoiseSettings)
+    prediction: PredictionSettings = field(default_factory=PredictionSettings)
 
     @property
     def settings(self) -> UpdatingSettings:
@@ -332,6 +334,7 @@ def build_study(document: Document, source: Path, say: Say) -> UpdatingStudy:
         source=source,
         places=study.structure.places,
         damping=study.structure.ratios,
+        prediction=study.prediction,
         **vars(study.settings),
     )
 
@@ -580,5 +583,6 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
                 joint=study.is_joint or None,
             ),
             noise=study.noise,
+            prediction=study.prediction,
         )
     )

@@ -9,28 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError, NotDeterminedError
+from opid.errors import InputError, NotDeterminedError, refuse
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.progress import Say, Step
-from opid.signals.recording import FloatArray
 from opid.updating.checks import warn_of_overlaps
 from opid.updating.confusion import find_confusion
 from opid.updating.damping_prediction import predict_damping
-from opid.updating.likelihood.backbones import (
-    BackboneData,
-    ModeData,
-    backbone_data,
-    without_curve,
-)
-from opid.updating.likelihood.curves import describe_points, make_curves, make_solver, weigh_as_recommended
-from opid.updating.likelihood.error_growth import growth_of_linear_error, with_modal_errors
+from opid.updating.likelihood.backbones import BackboneData, backbone_data
+from opid.updating.likelihood.error_growth import growth_of_linear_error
 from opid.updating.likelihood.force import force_data
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
-from opid.updating.likelihood.noise import UNMENDED_GROWTH, draw_errors
+from opid.updating.likelihood.noise import UNMENDED_GROWTH
 from opid.updating.linear_updating import update_linear
-from opid.updating.measured import MeasuredBackbone, by_mode
+from opid.updating.measured import by_mode
 from opid.updating.model_class import DampingRatio, ModelClass, Prior, StiffnessFactor
 from opid.updating.posterior import update_class
+from opid.updating.prediction import predict
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.samplers import require_nutpie
 from opid.updating.settings import UPDATING
@@ -38,6 +32,7 @@ from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
+from opid.updating.unmeasured_modes import predict_unmeasured, unseen_faults
 from opid.updating.warnings import warn_of_choice, warn_of_classes, warn_of_linear_choice
 
 logger = logging.getLogger(__name__)
@@ -67,21 +62,19 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     linear_classes = _update_linear(study, say)
     linear = max(linear_classes, key=lambda each: each.log_evidence) if linear_classes else None
     system = _reduce(study, linear, say)
+    refuse(list(unseen_faults(study.prediction, system)), study.source)
     say("backbones")
     growth = _find_growth(study, linear)
     data = _prepare(study, system, growth)
     unknown = {mode: prior for mode, prior in study.damping.items() if isinstance(prior, Prior)}
     ratios = tuple(DampingRatio(mode, prior) for mode, prior in sorted(unknown.items()))
     given = tuple(replace(each, ratios=ratios) for each in study.classes)
-    if study.is_joint and linear is not None and isinstance(study.structure, AffineStructure):
-        factors = tuple(StiffnessFactor(name, study.parameters[name]) for name in linear.names)
-        given = tuple(replace(each, factors=factors) for each in given)
-        structure = factored_modes(study.structure, linear.factors, linear.covariance, n_modes=study.n_internal)
-        data = replace(data, structure=structure)
+    if study.is_joint and linear is not None:
+        data, given = _free_factors(study, linear, data, given)
     classes, lost = _update_classes(study, given, data, say)
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
-    bands, gone = _predict(study, data, best)
+    bands, gone = _predict(study, data, best, linear)
     chance = np.random.default_rng([study.seed, 5])
     damping = () if data.force is None else predict_damping(data, best, study.backbones, rng=chance)
     confusion = None
@@ -244,13 +237,36 @@ def _update_classes(
     return classes, lost
 
 
+def _free_factors(
+    study: UpdatingStudy, linear: LinearPosterior, data: BackboneData, given: Sequence[ModelClass]
+) -> tuple[BackboneData, tuple[ModelClass, ...]]:
+    """Return the backbones with the structure as a function of its factors, and classes with these as parameters."""
+    assert isinstance(study.structure, AffineStructure)  # Otherwise it has no factors.
+    factors = tuple(StiffnessFactor(name, study.parameters[name]) for name in linear.names)
+    structure = factored_modes(study.structure, linear.factors, linear.covariance, n_modes=study.n_internal)
+    return replace(data, structure=structure), tuple(replace(each, factors=factors) for each in given)
+
+
 def _predict(
-    study: UpdatingStudy, data: BackboneData, best: ClassPosterior
+    study: UpdatingStudy, data: BackboneData, best: ClassPosterior, linear: LinearPosterior | None
 ) -> tuple[tuple[BackboneBand, ...], list[str]]:
+    """Return the bands of measured modes, then those of other modes that the study asks for, with their sentences."""
+    bands: tuple[BackboneBand, ...] = ()
+    told: list[str] = []
     try:
-        return predict(data, best, study.backbones, rng=np.random.default_rng([study.seed, 3])), []
+        bands = predict(data, best, study.backbones, rng=np.random.default_rng([study.seed, 3]))
     except NotDeterminedError as error:
-        return (), [f"there is no prediction: {error}"]
+        told.append(f"there is no prediction: {error}")
+    if not study.prediction.modes:
+        return bands, told
+    rng, model_class = np.random.default_rng([study.seed, 5]), best.model_class
+    theta = best.samples[rng.integers(len(best.samples), size=UPDATING.n_predicted)]
+    if linear is not None and not study.is_joint:
+        # No curve corrects the error of the factors in a mode without curves.
+        data, (model_class,) = _free_factors(study, linear, data, [model_class])
+        theta = np.hstack([theta, linear.samples[rng.integers(len(linear.samples), size=len(theta))]])
+    others, extrapolated = predict_unmeasured(data, model_class, theta, study.prediction, study.backbones, rng=rng)
+    return (*bands, *others), [*told, *extrapolated]
 
 
 def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:
@@ -272,127 +288,3 @@ def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int
         "backbones": [one.name for one in study.backbones],
         "study": str(study.source or ""),
     }
-
-
-# ---- prediction ------------------------------------------------------------------------------------
-
-
-N_AMPLITUDES = 40  # points of each band
-
-
-def predict(
-    data: BackboneData, posterior: ClassPosterior, measured: tuple[MeasuredBackbone, ...], *, rng: np.random.Generator
-) -> tuple[BackboneBand, ...]:
-    """Return the 95 % band of each mode for one more point of one more curve (Song eq. 18).
-
-    lambda = lambda(theta) + e - r_m with theta drawn from the posterior. In the paper's forms e is drawn from
-    N(0, sigma_lambda^2) and r_m is the mean of the curves. In the recommended form offset and noise of a further curve
-    are drawn from their posterior given the measured ones. The band is nan where the model converges for less than half
-    of the draws.
-
-    Args:
-        data: the backbones, from `backbone_data`.
-        posterior: posterior of the class that predicts.
-        measured: the same backbones, for the coverage.
-        rng: source of chance.
-
-    Raises:
-        NotDeterminedError: no mode has a band anywhere.
-    """
-    theta = posterior.samples[rng.integers(len(posterior.samples), size=200)]
-    data = with_modal_errors(data, posterior.model_class, posterior.best)
-    bands = tuple(_make_band(data, mode, posterior, measured, theta, rng) for mode in data.modes)
-    if not any(np.isfinite(band.frequency_hz).any() for band in bands):
-        every = np.ones(N_AMPLITUDES, dtype=bool)
-        where = " or ".join(f"mode {b.mode} at {describe_points(b.amplitude, every, b.sensor)}" for b in bands)
-        raise NotDeterminedError(
-            f"most draws of {posterior.model_class.name!r} have no backbone of {where}: take fewer harmonics, or "
-            "smaller amplitudes"
-        )
-    return bands
-
-
-def _make_band(
-    data: BackboneData,
-    mode: ModeData,
-    posterior: ClassPosterior,
-    measured: tuple[MeasuredBackbone, ...],
-    theta: FloatArray,
-    rng: np.random.Generator,
-) -> BackboneBand:
-    sensor = mode.parts[0][0]
-    curves = [one for one in measured if one.mode == mode.mode and sensor in one.sensors]
-    seen = [np.abs(one.amplitude[:, one.sensors.index(sensor)]) for one in curves]
-    amplitude = np.linspace(min(each.min() for each in seen), max(each.max() for each in seen), N_AMPLITUDES)
-    solve = make_solver(data, posterior.model_class, mode, sensor, amplitude)
-    found = solve(theta)
-    errors = _draw_errors(data, mode, posterior, theta, found.eigenvalue, rng)
-    frequency = np.sqrt(np.maximum(found.eigenvalue + errors, 0.0)) / (2 * np.pi)
-    there = np.isfinite(frequency)
-    band = np.full((3, N_AMPLITUDES), np.nan)
-    for index in np.flatnonzero(there.mean(axis=0) >= 0.5):
-        band[:, index] = np.quantile(frequency[there[:, index], index], [0.025, 0.5, 0.975])
-    low, middle, high = band
-    hz = np.concatenate([one.frequency_hz for one in curves])
-    ends = [np.interp(np.concatenate(seen), amplitude, end) for end in (low, high)]
-    inside = ((hz >= ends[0]) & (hz <= ends[1]))[np.isfinite(ends[0])]
-    coverage = float(inside.mean()) if inside.size else float("nan")
-    left_out = _cover_left_out(data, mode, posterior, rng)
-    return BackboneBand(mode.mode, sensor, amplitude, middle, low, high, coverage, left_out)
-
-
-def _cover_left_out(
-    data: BackboneData, mode: ModeData, posterior: ClassPosterior, rng: np.random.Generator
-) -> float | None:
-    """Return the fraction of the points of a mode within the bands that its other curves give; None where none is.
-
-    Each curve is left out in turn: the samples of the posterior get the weight of the likelihood of all curves but that
-    one over the likelihood of all.
-    """
-    n_curves = int(mode.curve[-1]) + 1
-    if mode.frequency_noise is None or n_curves < 2:
-        return None
-    theta = posterior.samples[rng.integers(len(posterior.samples), size=UPDATING.n_left_out)]
-    at_nodes, shapes, _, lost = make_curves(data, mode, posterior.model_class)(theta)
-    if lost.all():
-        return None
-    at_nodes, shapes = at_nodes[~lost], shapes[~lost]
-    whole, held = weigh_as_recommended(mode, at_nodes, shapes), []
-    for curve in range(n_curves):
-        rest, mine = without_curve(mode, curve, data.noise), mode.curve == curve
-        chance = weigh_as_recommended(rest, at_nodes, shapes) - whole
-        chosen = np.argmax(chance + rng.gumbel(size=(chance.size, chance.size)), axis=1)
-        eigenvalue, model = at_nodes[chosen] @ mode.between[mine].T, at_nodes[chosen][..., None] / mode.linear
-        assert rest.frequency_noise is not None
-        errors = mode.linear * draw_errors(rest.frequency_noise, model, eigenvalue / mode.linear - 1, rng)
-        low, high = np.quantile(eigenvalue + errors, [0.025, 0.975], axis=0)
-        held.append((mode.eigenvalue[mine] >= low) & (mode.eigenvalue[mine] <= high))
-    return float(np.concatenate(held).mean())
-
-
-def _draw_errors(
-    data: BackboneData,
-    mode: ModeData,
-    posterior: ClassPosterior,
-    theta: FloatArray,
-    eigenvalue: FloatArray,
-    rng: np.random.Generator,
-) -> FloatArray:
-    """Draw errors of lambda for a further curve, (n, N_AMPLITUDES); nan without a curve of the model."""
-    if mode.frequency_noise is not None:
-        at_nodes, _, _, lost = make_curves(data, mode, posterior.model_class)(theta)
-        growth = _fill_gaps(eigenvalue, mode.linear) / mode.linear - 1
-        errors = mode.linear * draw_errors(mode.frequency_noise, at_nodes[..., None] / mode.linear, growth, rng)
-        return np.where(lost[:, None], np.nan, errors)
-    first = np.unique(mode.curve, return_index=True)[1]
-    r_m = float(np.mean(mode.linear - mode.eigenvalue[first]))
-    return data.noise.weight_of(mode.mode) * mode.cov * eigenvalue * rng.standard_normal(eigenvalue.shape) - r_m
-
-
-def _fill_gaps(eigenvalue: FloatArray, otherwise: float) -> FloatArray:
-    """Return rows with gaps interpolated, for the errors of a curve depend on all of it."""
-    filled, index = eigenvalue.copy(), np.arange(eigenvalue.shape[1])
-    for row in np.flatnonzero(np.isnan(eigenvalue).any(axis=1)):
-        there = np.isfinite(eigenvalue[row])
-        filled[row] = np.interp(index, index[there], eigenvalue[row, there]) if there.any() else otherwise
-    return filled

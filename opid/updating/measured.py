@@ -171,6 +171,18 @@ def by_mode(backbones: Iterable[MeasuredBackbone]) -> dict[int, list[MeasuredBac
     return {mode: [one for one in curves if one.mode == mode] for mode in sorted({one.mode for one in curves})}
 
 
+def reached_extensions(system: JointedModes, backbones: Iterable[MeasuredBackbone]) -> dict[int, float]:
+    """Return the largest extension of a joint in the tests of each mode, m, by the linear shape of the mode."""
+    reached: dict[int, float] = {}
+    for curve in backbones:
+        if curve.mode > system.n_modes or not system.joints or curve.controlled_sensor not in system.sensors:
+            continue
+        extension = system.extension_over(curve.mode, curve.controlled_sensor) * float(curve.controlled_amplitude[-1])
+        if np.isfinite(extension):
+            reached[curve.mode] = max(reached.get(curve.mode, 0.0), extension)
+    return reached
+
+
 # ---- files -----------------------------------------------------------------------------------------
 
 

@@ -14,7 +14,7 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
-from opid.updating.measured import MeasuredBackbone, Place, by_mode
+from opid.updating.measured import MeasuredBackbone, Place, by_mode, reached_extensions
 from opid.updating.model_class import ModelClass, OneParameter
 from opid.updating.sampling.chains import Chain, Diagnostics
 from opid.updating.sampling.evidence import Evidence
@@ -167,8 +167,34 @@ class LinearPosterior:
 
 
 @dataclass(frozen=True, eq=False)
+class SensorBand:
+    """Predicted motion of one sensor along the backbone of a mode, with its 95 % band.
+
+    Args:
+        sensor: name of the sensor.
+        motion: (n,) median of its first-harmonic amplitude, m, at the amplitudes of the controlled sensor; negative
+            where the two move against each other.
+        low: (n,) lower end of the 95 % band, m.
+        high: (n,) upper end of the 95 % band, m.
+        coverage: fraction of the measured points that lie within the band; nan without any point.
+        left_out: the same of points of curves that were left out in turn, within the band that the other curves give;
+            None where the curves do not have this sensor, or the mode has a single curve.
+    """
+
+    sensor: str
+    motion: FloatArray
+    low: FloatArray
+    high: FloatArray
+    coverage: float
+    left_out: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class BackboneBand:
     """Predicted backbone of one mode over the amplitude of one sensor, with its 95 % band (Song eq. 18).
+
+    The band of a measured mode is that of a further curve. A mode without curves has the band of the backbone itself,
+    with the error of the linear structure that is stated, for no curve corrects it.
 
     Args:
         mode: number of the mode, from 1.
@@ -180,6 +206,12 @@ class BackboneBand:
         coverage: fraction of the measured points of this mode that lie within the band; nan without any point.
         left_out: the same of points of curves that were left out in turn, within the band that the other curves give;
             None where the mode has a single curve, or the form of the likelihood has no errors that curves share.
+        mode_left_out: the same of all its points, within the band that the other modes give alone, with the errors of
+            the linear structure and of the curves that are stated; None where there is no other mode, or the others do
+            not determine the parameters.
+        is_measured: whether the mode has curves.
+        sensors: bands of the motion of the other sensors of the structure, at the same amplitudes; none in the paper's
+            forms, which have no errors of the shapes.
     """
 
     mode: int
@@ -190,6 +222,9 @@ class BackboneBand:
     high_hz: FloatArray
     coverage: float
     left_out: float | None = None
+    mode_left_out: float | None = None
+    is_measured: bool = True
+    sensors: tuple[SensorBand, ...] = ()
 
     @property
     def n_missing(self) -> int:
@@ -251,7 +286,8 @@ class Updating(Result):
         measured: the measured backbones.
         classes: one posterior for each class, in the order of the study.
         best_class: name of the class with the largest evidence.
-        prediction: backbones that the best class predicts, one for each mode.
+        prediction: backbones that the best class predicts, one for each measured mode, then those of the modes without
+            curves that the study asks for.
         warnings: one sentence for each warning about the result.
         not_determined: the reason why there is no answer, "" if there is one.
         settings: the settings of the study.
@@ -326,18 +362,7 @@ class Updating(Result):
     @property
     def reached_extension(self) -> dict[int, float]:
         """The largest extension of a joint in the tests of each mode, m, by the linear shape of the mode."""
-        system = self.system
-        reached: dict[int, float] = {}
-        for curve in self.measured:
-            if curve.mode > system.n_modes or not system.joints or curve.controlled_sensor not in system.sensors:
-                continue
-            column = system.index(curve.mode)
-            moved = abs(float(system.at_sensors[system.sensor(curve.controlled_sensor), column]))
-            if moved > 0:
-                extended = float(np.abs(system.at_joints[:, column]).max()) / moved
-                extended *= float(curve.controlled_amplitude[-1])
-                reached[curve.mode] = max(reached.get(curve.mode, 0.0), extended)
-        return reached
+        return reached_extensions(self.system, self.measured)
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return the linear parameters as factors of the nominal ones, and the coefficients, the best class first."""

@@ -93,7 +93,15 @@ class UpdatingThresholds:
     ruled_out: float = 10.0  # log evidence below that of the best, odds of 22,000 to 1, of a class that data rule out
     # fraction of the measured points in a 95 % band below which law or linear structure are wrong
     poor_coverage: float = 0.8
-    n_left_out: int = 400  # draws that make the band of a curve that is left out; its ends are then 0.1 deviations off
+    # the same fraction for curves that are left out, of which there may be few: one odd curve of five lowers it to 0.8
+    poor_left_out: float = 0.7
+    n_predicted: int = 400  # draws that make a band: its ends are then 0.1 deviations off
+    # draws that are weighed by the likelihood of the other modes, ...
+    n_weighed: int = 2000
+    # ... and number of equal ones that they must be worth: fewer do not tell how uncertain the parameters are
+    fewest_left: float = 30.0
+    # smallest amplitude of a mode without curves over its largest one, as in usual tests
+    least_amplitude: float = 0.05
 
 
 UPDATING = UpdatingThresholds()

@@ -22,6 +22,7 @@ from opid.updating.measured import MeasuredBackbone, Place, by_mode
 from opid.updating.model_class import ModelClass, Prior
 from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
+from opid.updating.unmeasured_modes import PredictionSettings, prediction_faults, unseen_faults
 
 Sampler = Literal["adaptive", "nuts", "transitional"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
@@ -96,6 +97,7 @@ class UpdatingStudy(UpdatingSettings):
             used.
         places: where the sensors are, by their names, for the figures of shapes; all of them, or none.
         source: the study file, if there is one.
+        prediction: modes without curves whose backbones are predicted, too.
 
     Raises:
         InputError: everything that is wrong with it, at once.
@@ -111,6 +113,7 @@ class UpdatingStudy(UpdatingSettings):
     source: Path | None = None
     places: Mapping[str, Place] = field(default_factory=dict)
     damping: Mapping[int, float | Prior] = field(default_factory=dict)
+    prediction: PredictionSettings = field(default_factory=PredictionSettings)
 
     def __post_init__(self) -> None:
         for name in ("backbones", "classes", "harmonics"):
@@ -181,8 +184,11 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
             yield f"{subject} the sensors {', '.join(unknown)}, which the structure does not have"
     yield from sensor_faults(study.backbones)
     yield from _find_place_faults(study)
+    yield from prediction_faults(study.prediction, study.form, study.structure.sensors, study.backbones)
     if isinstance(study.structure, JointedModes):
         yield from mode_faults(study.structure, study.backbones)
+        if study.prediction.sensor is None or study.prediction.sensor in study.structure.sensors:
+            yield from unseen_faults(study.prediction, study.structure)
     for name, prior in study.parameters.items():
         high = prior.first + UPDATING.prior_reach * prior.second if prior.family == "normal" else prior.support[1]
         if high <= 0:

@@ -331,18 +331,45 @@ def warn_of_choice(classes: Sequence[ClassPosterior], bands: Sequence[BackboneBa
         else:
             yield from _warn_of_prior(ranked)
     for band in bands:
-        missing = ~np.isfinite(band.frequency_hz)
-        if missing.any():
-            where = describe_points(band.amplitude, missing, band.sensor)
-            yield (
-                f"mode {band.mode}: there is no band at {where}, where the model does not converge for most draws: "
-                "take fewer harmonics, or leave out measured points near those amplitudes"
-            )
-        if band.coverage < UPDATING.poor_coverage:
-            yield (
-                f"mode {band.mode}: the 95 % band holds only {100 * band.coverage:.0f} % of the measured points: the "
-                "law or the linear structure is wrong there, try another law"
-            )
+        yield from _warn_of_band(band)
+
+
+def _warn_of_band(band: BackboneBand) -> Iterator[str]:
+    """Yield where a band has gaps, and where it does not hold the measured points as often as it should."""
+    missing = ~np.isfinite(band.frequency_hz)
+    if missing.any():
+        where = describe_points(band.amplitude, missing, band.sensor)
+        advice = "leave out measured points near those amplitudes" if band.is_measured else "predict smaller amplitudes"
+        yield (
+            f"mode {band.mode}: there is no band at {where}, where the model does not converge for most draws: "
+            f"take fewer harmonics, or {advice}"
+        )
+    if band.coverage < UPDATING.poor_coverage:
+        yield (
+            f"mode {band.mode}: the 95 % band holds only {100 * band.coverage:.0f} % of the measured points: the "
+            "law or the linear structure is wrong there, try another law"
+        )
+    if band.left_out is not None and band.left_out < UPDATING.poor_left_out:
+        yield (
+            f"mode {band.mode}: the bands that the other curves give hold only {100 * band.left_out:.0f} % of the "
+            "points of curves that were left out: the curves differ by more than their errors, look for one that is "
+            "of another test or mode"
+        )
+    if band.mode_left_out is not None and band.mode_left_out < UPDATING.poor_coverage:
+        yield (
+            f"mode {band.mode}: the band that the other modes give holds only {100 * band.mode_left_out:.0f} % of its "
+            "points: the law is wrong, or the errors of the linear structure or of the curves are larger than stated "
+            "(linear_error, curve_offset), so do not trust bands of modes without curves"
+        )
+    poor = [each for each in band.sensors if each.left_out is not None and each.left_out < UPDATING.poor_left_out]
+    if poor:
+        worst = min(poor, key=lambda each: each.left_out or 0.0)
+        yield (
+            f"mode {band.mode}: the bands that the other curves give hold only {100 * (worst.left_out or 0.0):.0f} % "
+            f"of the motions of sensor {worst.sensor!r} in curves that were left out"
+            f"{f', and too few of {len(poor) - 1} other sensors' if len(poor) > 1 else ''}: the shapes differ by more "
+            "than their errors, look for a curve that is of another test or mode"
+        )
 
 
 def _warn_of_prior(ranked: Sequence[ClassPosterior]) -> Iterator[str]:

@@ -74,6 +74,13 @@ class JointedModes:
             raise InputError(f"there is no mode {mode}: give a number from 1 to {self.n_modes}")
         return int(mode) - 1
 
+    def extension_over(self, mode: int, sensor: str) -> float:
+        """Return the largest extension of a joint in a linear mode over the motion of a sensor; inf where it rests."""
+        column = self.index(mode)
+        moved = abs(float(self.at_sensors[self.sensor(sensor), column]))
+        extended = float(np.abs(self.at_joints[:, column]).max(initial=0.0))
+        return extended / moved if moved > 0 else np.inf
+
 
 def jointed_modes(
     mass: ArrayLike,

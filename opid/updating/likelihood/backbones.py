@@ -220,11 +220,23 @@ def with_noise(mode: ModeData, noise: NoiseSettings, errors: ErrorGrowth) -> Mod
     )  # fmt: skip
     shape_noise = None
     if noise.shapes and mode.free.size:
-        shape_noise = curve_noise(
-            mode.shapes[:, mode.free], *place, common_std=noise.linear_shape_error, offset=noise.shape_offset,
-            expected=noise.shape_noise, common_growth=errors.shape, own_growth=noise.curve_growth,
-        )  # fmt: skip
+        shape_noise = shape_noise_of(mode, mode.shapes[:, mode.free], noise, errors)
     return replace(mode, frequency_noise=frequency_noise, shape_noise=shape_noise, errors=errors)
+
+
+def shape_noise_of(mode: ModeData, values: FloatArray, noise: NoiseSettings, errors: ErrorGrowth) -> CurveNoise:
+    """Return the noise model of quantities whose errors are those of entries of a shape of unit length.
+
+    Args:
+        mode: the curves.
+        values: (n_points, n_channels) these quantities as they were measured.
+        noise: the settings of their errors.
+        errors: the growth of the errors of the linear structure.
+    """
+    return curve_noise(
+        values, mode.between, mode.curve, mode.growth, common_std=noise.linear_shape_error, offset=noise.shape_offset,
+        expected=noise.shape_noise, common_growth=errors.shape, own_growth=noise.curve_growth,
+    )  # fmt: skip
 
 
 def without_curve(mode: ModeData, curve: int, noise: NoiseSettings) -> ModeData:

@@ -390,7 +390,7 @@ class ClassSolver:
 def make_solver(
     data: BackboneData,
     model_class: ModelClass,
-    mode: ModeData,
+    mode: ModeData | int,
     sensor: str,
     amplitude: FloatArray,
     *,
@@ -401,15 +401,18 @@ def make_solver(
     Args:
         data: the backbones with the linear structure.
         model_class: the class.
-        mode: the curves of the mode.
+        mode: the curves of the mode, or the number of a mode without curves.
         sensor: name of the sensor whose amplitude is prescribed.
         amplitude: (n,) amplitudes, m.
-        is_whole: whether the modes stay that a harmonic meets.
+        is_whole: whether the modes stay that a harmonic meets; without curves they do.
     """
-    met = MetModes(np.empty(0, dtype=np.int64), 0.0) if is_whole else find_met_modes(data, mode)
+    number = mode if isinstance(mode, int) else mode.mode
+    met = MetModes(np.empty(0, dtype=np.int64), 0.0)
+    if not (is_whole or isinstance(mode, int)):
+        met = find_met_modes(data, mode)
     evaluate = family_evaluator(
-        met.remove_from(data.system), model_class.kinds, mode=mode.mode, sensor=sensor,
-        amplitude=amplitude, harmonics=data.harmonics, joints=model_class.joints,
+        met.remove_from(data.system), model_class.kinds, mode=number, sensor=sensor, amplitude=amplitude,
+        harmonics=data.harmonics, joints=model_class.joints,
     )  # fmt: skip
     return ClassSolver(model_class, evaluate, data, met)
 

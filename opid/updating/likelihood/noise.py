@@ -239,30 +239,41 @@ def log_marginal_slopes(noise: CurveNoise, model: FloatArray) -> tuple[FloatArra
 
 
 def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return errors of a further curve of the first channel given the measured ones, (n, n_new).
+    """Return errors of a further curve given the measured ones, (n, n_new, n_channels).
 
-    For each row of the model, (n, n_nodes, n_channels), a ratio, a noise level and the common errors are drawn from
-    their posterior, then the offset of a new curve and the noise of its points. The errors are to be added to the
-    model's values where its growth is h, (n, n_new).
+    For each row of the model, (n, n_nodes, n_channels), a ratio, a noise level and the common errors of each channel
+    are drawn from their posterior, then the offset of a new curve and the noise of its points. The errors are to be
+    added to the model's values where its growth is h, (n, n_new).
     """
-    each, common, rate = (part[:, 0] for part in _weigh_ratios(noise, model))
-    n = len(each)
-    ratio = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
-    rows = np.arange(n)
-    sigma2 = rate[rows, ratio] / rng.gamma(_find_gamma_shape(noise), size=n)
-    flat = noise.precision[:, ratio].T / sigma2[:, None]
+    each, common, rate = _weigh_ratios(noise, model)
+    ratio = np.argmax(each + rng.gumbel(size=each.shape), axis=2)
+    chosen = ratio[:, :, np.newaxis]
+    sigma2 = np.take_along_axis(rate, chosen, axis=2)[..., 0] / rng.gamma(_find_gamma_shape(noise), size=ratio.shape)
+    flat = noise.precision.T[ratio] / sigma2[..., np.newaxis]
     precision = flat + 1 / noise.common_variance
-    turned = flat * common[rows, :, ratio] / precision + rng.standard_normal(flat.shape) / np.sqrt(precision)
-    b = np.einsum("nab,nb->na", noise.turn[ratio], turned)
-    own = np.sqrt(sigma2) * RATIOS[ratio]
-    offset, slope = own * rng.standard_normal(n), noise.own_growth * np.sqrt(sigma2) * rng.standard_normal(n)
-    points = np.sqrt(sigma2)[:, None] * rng.standard_normal(growth.shape)
+    fitted = np.take_along_axis(common, chosen[:, :, np.newaxis], axis=3)[..., 0]
+    turned = flat * fitted / precision + rng.standard_normal(flat.shape) / np.sqrt(precision)
+    b = np.einsum("ncab,ncb->nca", noise.turn[ratio], turned)
+    sigma = np.sqrt(sigma2)
+    offset = sigma * RATIOS[ratio] * rng.standard_normal(ratio.shape)
+    slope = noise.own_growth * sigma * rng.standard_normal(ratio.shape)
+    points = sigma[:, np.newaxis] * rng.standard_normal((*growth.shape, ratio.shape[1]))
     centred = growth - growth.mean(axis=1, keepdims=True)
-    common = b[:, :1] + noise.common_scale * b[:, 1:2] * growth
     known = noise.patterns[:, np.argsort(noise.patterns[0])]
-    for k, pattern in enumerate(known[1:], start=2):
-        common = common + b[:, k : k + 1] * np.interp(growth, known[0], pattern)
-    return common + offset[:, None] + slope[:, None] * centred + points
+    others = [np.interp(growth, known[0], pattern) for pattern in known[1:]]
+    patterns = np.stack([np.ones_like(growth), noise.common_scale * growth, *others], axis=2)
+    own: FloatArray = offset[:, np.newaxis] + centred[..., np.newaxis] * slope[:, np.newaxis] + points
+    return np.einsum("nca,nja->njc", b, patterns) + own
+
+
+def draw_linear_errors(patterns: FloatArray, n_channels: int, std: float, rng: np.random.Generator) -> FloatArray:
+    """Return common errors sum_k b_k g_k of a mode or sensor of which nothing was measured, (n, n_new, n_channels).
+
+    `patterns`, (n, n_new, n_patterns), are the g_k, and `std` is the prior standard deviation of every b_k.
+    """
+    b = std * rng.standard_normal((len(patterns), patterns.shape[2], n_channels))
+    errors: FloatArray = patterns @ b
+    return errors
 
 
 def draw_set(

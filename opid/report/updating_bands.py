@@ -1,0 +1,137 @@
+"""What a report says of the prediction of an updating: coverage, motion of every sensor, modes without curves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from opid import plots
+from opid.estimate import format_number
+from opid.report.document import Figure, Row, Table, build_columns
+from opid.updating.result import SensorBand, Updating
+
+_MOTIONS = "Motion of every sensor"  # title of the part of the page that a reader opens
+
+
+def tabulate_coverage(result: Updating) -> Table:
+    """Return the fraction of measured points within the predicted band, with a row a sensor and a column a mode."""
+    measured = [band for band in result.prediction if band.is_measured]
+    modes = sorted({band.mode for band in measured})
+    rows: list[Row] = []
+    for sensor in dict.fromkeys(band.sensor for band in measured):
+        own = [band for band in measured if band.sensor == sensor]
+        # a cell shows all bands of a mode and a sensor
+        rows.append(
+            (f"sensor {sensor}", *(_join(band.coverage for band in own if band.mode == mode) for mode in modes))
+        )
+        for words, name in (
+            ("its curves left out in turn", "left_out"),
+            ("all curves of the mode left out", "mode_left_out"),
+        ):
+            found = {mode: [getattr(band, name) for band in own if band.mode == mode] for mode in modes}
+            if any(value is not None for values in found.values() for value in values):
+                rows.append((words, *(_join(value for value in found[mode] if value is not None) for mode in modes)))
+    gaps = "".join(
+        f" The band of mode {band.mode} has no frequency at {band.n_missing} of its {band.amplitude.size} "
+        "amplitudes, where most draws of the parameters have no backbone; its figure has a gap there."
+        for band in result.prediction
+        if band.n_missing
+    )
+    others = (
+        " The last row is the test of the law: the other modes alone give the band, with the errors of the structure "
+        "and of the curves that are stated; a wrong law or a larger error shows there."
+        if any(band.mode_left_out is not None for band in measured)
+        else ""
+    )
+    return Table(
+        build_columns("within the band", *(f"mode {mode}" for mode in modes)),
+        tuple(rows),
+        note="Fraction of the measured points within the 95 % band of the best class. The class was fitted to these "
+        "points: it shows whether the errors are as large as assumed. Curves that are left out in turn, and judged by "
+        f"the band that the others give, are new to it: 92 to 98 % is as it should be.{others}{gaps}",
+    )
+
+
+def tabulate_motions(result: Updating) -> Table:
+    """Return the fraction of measured motions within the predicted bands, with a row a sensor and a column a mode."""
+    bands = [band for band in result.prediction if any(math.isfinite(own.coverage) for own in band.sensors)]
+    found = {(own.sensor, band.mode): own for band in bands for own in band.sensors if math.isfinite(own.coverage)}
+    modes = [band.mode for band in bands]
+    rows = [
+        (f"sensor {sensor}", *(_format_sensor(found.get((sensor, mode))) for mode in modes))
+        for sensor in dict.fromkeys(sensor for sensor, _ in found)
+    ]
+    return Table(
+        build_columns("motion within its band", *(f"mode {mode}" for mode in modes)),
+        tuple(rows),
+        note="Fraction of the measured motions of each sensor, at the amplitudes of the controlled one, within the "
+        "95 % band that the other curves give, each curve left out in turn; in brackets within that of all curves.",
+        fold=_MOTIONS,
+    )
+
+
+def tabulate_unmeasured(result: Updating) -> Table:
+    """Return the bands of modes without curves at their smallest and largest amplitude."""
+    rows = []
+    for band in (each for each in result.prediction if not each.is_measured):
+        for at in (0, -1):
+            hz = band.frequency_hz[at], band.low_hz[at], band.high_hz[at]
+            cells = [f"{each:.3f}" if math.isfinite(each) else "-" for each in hz]
+            height = format_number(1e3 * float(band.amplitude[at]), 3)
+            rows.append((str(band.mode), band.sensor, height, cells[0], f"{cells[1]} to {cells[2]}"))
+    return Table(
+        build_columns("predicted mode", "sensor", "amplitude, mm", "frequency, Hz", "95 % band, Hz"),
+        tuple(rows),
+        "Modes without curves",
+        note="No curve of these modes was measured, and none corrects the error of the linear structure there: it is "
+        "taken as large as it is stated. Their bands are those of the backbone itself.",
+    )
+
+
+def list_predicted_figures(result: Updating) -> Iterator[Figure]:
+    """Yield the figures of the prediction: the backbone of each mode, then the motions, which a reader opens."""
+    predicted = sorted({band.mode for band in result.prediction if not band.is_measured})
+    for mode in predicted:
+        yield Figure(
+            f"predicted_mode_{mode}",
+            f"Mode {mode}: what the best class predicts without a measured curve",
+            "Backbone of a mode that was not measured, with its 95 % band: the uncertainty of the law and the stated "
+            "error of the linear structure, at the smallest amplitudes the latter alone."
+            + (" Where it breaks off, most draws of the parameters have no backbone." if _has_gap(result, mode) else "")
+            if mode == predicted[0]
+            else "",
+            lambda mode=mode: plots.predicted_backbones(result.prediction, (), mode),  # type: ignore[misc]
+        )
+    moved = [band for band in result.prediction if band.sensors]
+    for number, band in enumerate(moved):
+        yield Figure(
+            f"motions_mode_{band.mode}",
+            f"Mode {band.mode}: motion of every sensor",
+            f"Motion of each sensor over that of sensor {band.sensor}, which is controlled, and its 95 % band; below 0 "
+            "they move against each other. A line that is not level is a shape that changes with the "
+            "amplitude. Points are the measured curves; where there are none, the band is that of the motion itself."
+            if number == 0
+            else f"Relative to sensor {band.sensor}.",
+            lambda band=band: plots.predicted_motions(band, result.measured),  # type: ignore[misc]
+            fold=_MOTIONS,
+        )
+
+
+def _has_gap(result: Updating, mode: int) -> bool:
+    return any(band.n_missing for band in result.prediction if band.mode == mode)
+
+
+def _join(values: Iterator[float]) -> str:
+    return ", ".join(format_fraction(value) for value in values) or "-"
+
+
+def _format_sensor(own: SensorBand | None) -> str:
+    if own is None:
+        return "-"
+    left_out = "-" if own.left_out is None else format_fraction(own.left_out)
+    return f"{left_out} ({format_fraction(own.coverage)})"
+
+
+def format_fraction(value: float) -> str:
+    """Return a fraction in per cent; "-" where it is nan."""
+    return f"{100 * value:.0f} %" if math.isfinite(value) else "-"

@@ -1,0 +1,157 @@
+"""Modes of which no curve was measured: which of them are predicted, over which amplitudes, and their bands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from opid.errors import InputError, nearest
+from opid.mechanics.backbones.family import refuse_unseen
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.signals.recording import FloatArray
+from opid.updating.checks import joint_fault
+from opid.updating.likelihood.backbones import BackboneData
+from opid.updating.likelihood.curves import make_solver
+from opid.updating.likelihood.noise import UNMENDED_GROWTH, draw_linear_errors
+from opid.updating.measured import MeasuredBackbone, by_mode, reached_extensions
+from opid.updating.model_class import ModelClass
+from opid.updating.prediction import N_AMPLITUDES, draw_motions, fill_gaps, find_band, to_hz
+from opid.updating.result import BackboneBand, SensorBand
+from opid.updating.settings import UPDATING
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictionSettings:
+    """Modes without curves whose backbones the best class predicts, beside those that were measured.
+
+    Args:
+        modes: numbers of these modes, from 1.
+        sensor: name of the sensor over whose amplitude they are predicted; where left out, that which moves most in
+            each mode.
+        amplitude_m: smallest and largest amplitude of that sensor, m; where left out, no joint extends farther at the
+            largest one than in the tests, and it is no larger than that of any sensor there; the smallest is a
+            twentieth of it.
+
+    Raises:
+        InputError: numbers below 1 or given twice, or amplitudes that are not positive or do not grow.
+    """
+
+    modes: tuple[int, ...] = ()
+    sensor: str | None = None
+    amplitude_m: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        modes = tuple(self.modes)
+        object.__setattr__(self, "modes", modes)
+        if len(set(modes)) < len(modes) or min(modes, default=1) < 1:
+            raise InputError(f"the modes to predict are {list(modes)}: give each once, counted from 1")
+        if self.amplitude_m is not None:
+            low, high = self.amplitude_m
+            if not 0 < low < high < np.inf:
+                raise InputError(f"amplitude_m is {[low, high]}: give a smallest and a largest amplitude, m")
+
+
+def prediction_faults(
+    wanted: PredictionSettings, form: str, sensors: Sequence[str], measured: Sequence[MeasuredBackbone]
+) -> Iterator[str]:
+    """Yield what is wrong with the modes to predict, as far as it shows without the modes of the structure.
+
+    Args:
+        wanted: the modes.
+        form: form of the likelihood.
+        sensors: sensors of the structure.
+        measured: the backbones that were measured.
+    """
+    if wanted.modes and form != "recommended":
+        yield f"modes to predict are named in the form {form!r}, take the recommended form, which knows their errors"
+    for mode in wanted.modes:
+        if mode in by_mode(measured):
+            yield f"mode {mode} is to be predicted and has backbones, leave it out: each measured mode has a band"
+    if wanted.sensor is not None and wanted.sensor not in sensors:
+        hint = nearest(wanted.sensor, sensors)
+        yield f"the modes are to be predicted at {wanted.sensor!r}, which is no sensor: {hint}"
+
+
+def unseen_faults(wanted: PredictionSettings, system: JointedModes) -> Iterator[str]:
+    """Yield which modes to predict the structure does not have, and which do not move the joints or the sensor."""
+    for mode in wanted.modes:
+        if mode > system.n_modes:
+            yield f"mode {mode} is to be predicted, and the structure has {system.n_modes} modes: correct the number"
+            continue
+        yield from joint_fault(system, mode)
+        try:
+            refuse_unseen(system, mode - 1, system.sensor(_choose_sensor(wanted, system, mode)))
+        except InputError as error:
+            yield str(error)
+
+
+def predict_unmeasured(
+    data: BackboneData,
+    model_class: ModelClass,
+    theta: FloatArray,
+    wanted: PredictionSettings,
+    measured: Sequence[MeasuredBackbone],
+    *,
+    rng: np.random.Generator,
+) -> tuple[tuple[BackboneBand, ...], list[str]]:
+    """Return the 95 % bands of the backbones of modes without curves, and a sentence for each that extrapolates.
+
+    They are bands of the backbone itself. No curve corrects the error of the linear structure there: it is drawn as
+    large as it is stated, for lambda and for the motion of each sensor, beside the factors of the stiffness where these
+    are parameters of the class. The bands are nan where the model converges for less than half of the draws.
+
+    Args:
+        data: the backbones, from `backbone_data`, in the recommended form; with a structure for its factors.
+        model_class: the class that predicts, with these factors where there are any.
+        theta: (n, n_parameters) draws of its parameters.
+        wanted: the modes.
+        measured: the backbones that were measured, which tell how far the tests reached.
+        rng: source of chance.
+    """
+    noise, system = data.noise, data.system
+    extended = max(reached_extensions(system, measured).values(), default=0.0)
+    moved = max(float(np.abs(one.amplitude).max()) for one in measured)
+    growth_of_error = noise.growth_of_linear_error
+    if data.structure is not None and noise.linear_error_growth is None:
+        growth_of_error = UNMENDED_GROWTH  # The errors of the factors are drawn with theta.
+    bands: list[BackboneBand] = []
+    told: list[str] = []
+    for mode in wanted.modes:
+        sensor = _choose_sensor(wanted, system, mode)
+        most = min(moved, extended / system.extension_over(mode, sensor))
+        ends = (UPDATING.least_amplitude * most, most) if wanted.amplitude_m is None else wanted.amplitude_m
+        amplitude = np.linspace(*ends, N_AMPLITUDES)
+        found = make_solver(data, model_class, mode, sensor, amplitude)(theta)
+        linear, controlled = float(system.eigenvalue[system.index(mode)]), system.sensor(sensor)
+        growth = fill_gaps(found.eigenvalue, linear) / linear - 1
+        patterns = np.stack([np.ones_like(growth), growth_of_error * growth], axis=2)
+        errors = linear * draw_linear_errors(patterns, 1, 2 * noise.linear_error, rng)[..., 0]
+        low, middle, high = find_band(to_hz(found.eigenvalue + errors))
+        relative = draw_motions(found, controlled, growth, noise.linear_shape_error, growth_of_error, rng)
+        sensors = []
+        for row in np.delete(np.arange(len(system.sensors)), controlled):
+            least, motion, most = amplitude * find_band(relative[..., row])
+            sensors.append(SensorBand(system.sensors[row], motion, least, most, float("nan")))
+        nothing = float("nan")
+        bands.append(
+            BackboneBand(mode, sensor, amplitude, middle, low, high, nothing, is_measured=False, sensors=tuple(sensors))
+        )
+        told += _warn_of_extrapolation(mode, system.extension_over(mode, sensor) * float(amplitude[-1]), extended)
+    return tuple(bands), told
+
+
+def _choose_sensor(wanted: PredictionSettings, system: JointedModes, mode: int) -> str:
+    most = system.sensors[int(np.argmax(np.abs(system.at_sensors[:, system.index(mode)])))]
+    return most if wanted.sensor is None else wanted.sensor
+
+
+def _warn_of_extrapolation(mode: int, extension: float, reached: float) -> Iterator[str]:
+    """Yield a sentence if a joint extends farther in a mode to predict than it reached in the tests, m."""
+    if extension > (1 + 1e-9) * reached:
+        yield (
+            f"mode {mode}: a joint extends by up to {1e3 * extension:.3g} mm in its prediction, and by "
+            f"{1e3 * reached:.3g} mm in the tests: the law is extrapolated beyond that, and the band may be too narrow "
+            "there"
+        )
