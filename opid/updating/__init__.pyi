@@ -1,5 +1,5 @@
 # The public names: `as` says so to type checkers (PEP 484); lazy_loader reads the same lines.
-from .identification import predict as predict, update_study as update_study
+from .identification import update_study as update_study
 from .likelihood.backbones import (
     BackboneData as BackboneData,
     backbone_data as backbone_data,
@@ -25,10 +25,12 @@ from .posterior import (
     density_of as density_of,
     update_class as update_class,
 )
+from .prediction import predict as predict
 from .result import (
     BackboneBand as BackboneBand,
     ClassPosterior as ClassPosterior,
     LinearPosterior as LinearPosterior,
+    SensorBand as SensorBand,
     Updating as Updating,
 )
 from .sampling.chains import to_inference_data as to_inference_data
@@ -49,3 +51,4 @@ from .structure.reduction import (
     ritz_modes as ritz_modes,
 )
 from .study import UpdatingStudy as UpdatingStudy
+from .unmeasured_modes import PredictionSettings as PredictionSettings
