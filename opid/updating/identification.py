@@ -66,9 +66,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     say("backbones")
     growth = _find_growth(study, linear)
     data = _prepare(study, system, growth)
-    unknown = {mode: prior for mode, prior in study.damping.items() if isinstance(prior, Prior)}
-    ratios = tuple(DampingRatio(mode, prior) for mode, prior in sorted(unknown.items()))
-    given = tuple(replace(each, ratios=ratios) for each in study.classes)
+    given = tuple(replace(each, ratios=_list_ratios(study)) for each in study.classes)
     if study.is_joint and linear is not None:
         data, given = _free_factors(study, linear, data, given)
     classes, lost = _update_classes(study, given, data, say)
@@ -115,6 +113,12 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         places=study.places,
         damping=damping,
     )
+
+
+def _list_ratios(study: UpdatingStudy) -> tuple[DampingRatio, ...]:
+    """Return the damping ratios that are not known, in the order of their modes."""
+    unknown = {mode: prior for mode, prior in study.damping.items() if isinstance(prior, Prior)}
+    return tuple(DampingRatio(mode, prior) for mode, prior in sorted(unknown.items()))
 
 
 def _update_linear(study: UpdatingStudy, say: Say) -> list[LinearPosterior]:
