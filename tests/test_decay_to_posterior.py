@@ -201,6 +201,9 @@ def test_files_that_are_no_result_are_refused(tmp_path):
     (tmp_path / "study.toml").write_text(STUDY.replace("mode = 1", 'mode = 1\nunit = "mm"'), encoding="utf-8")
     with pytest.raises(InputError, match=r"a result.json is in SI units: leave 'unit' out"):
         read_study(tmp_path / "study.toml")
+    (tmp_path / "study.toml").write_text(STUDY.replace("mode = 1", 'mode = 1\ndrive = "tip"'), encoding="utf-8")
+    with pytest.raises(InputError, match=r"a result.json has no force that is read: leave 'drive' out"):
+        read_study(tmp_path / "study.toml")
 
 
 # ---- resonance tests --------------------------------------------------------------------------------

@@ -448,11 +448,9 @@ def _read_backbones(
     file, sensor = directory / entry.file, str(entry.controlled_sensor)
     sensors = None if structure is None else structure.sensors
     if file.suffix.lower() == ".json":
-        for key in ("unit", "drive"):
+        for key, why in (("unit", "is in SI units"), ("drive", "has no force that is read")):
             if getattr(entry, key) is not None:
-                raise InputError(
-                    f"a result.json is in SI units and has no force for its drive point: leave {key!r} out"
-                )
+                raise InputError(f"a result.json {why}: leave {key!r} out")
         modes = structure if isinstance(structure, JointedModes) else None
         return read_result_backbones(
             file, mode=entry.mode, controlled_sensor=sensor, sensors=sensors, modes=modes, name=entry.name
