@@ -126,6 +126,18 @@ def test_dampers_are_found_and_chosen():
     assert band.damping_ratio[-1] > 1.5 * band.damping_ratio[0]
 
 
+def test_a_mode_or_a_curve_may_have_no_force():
+    def silence(one):
+        return replace(one, drive="", force_n=None) if one.mode == 2 or one.name.endswith("0") else one
+
+    linear = ModelClass("linear", (SPRING, LINEAR_TERM))
+    some = tuple(silence(each) for each in measured(BOTH[:1], 0))
+    found = update_study(study(some, classes=(linear,), damping={1: RATIO}))
+    assert found.classes[0].estimates["theta_2"].holds(1.0)
+    (band,) = found.damping
+    assert (band.mode, band.measured.size) == (1, 2 * AMPLITUDE.size)
+
+
 def test_dampers_of_another_kind_are_told():
     found = update_study(study(measured(FRICTION, 0)))
     assert any("these dampers do not lose the measured energy" in each for each in found.all_warnings)

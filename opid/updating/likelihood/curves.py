@@ -324,7 +324,8 @@ class ClassSolver:
             if each.mode == mode:
                 return theta[:, number]
         assert self.data.force is not None
-        return np.full(len(theta), self.data.force.known_ratios[mode])
+        # The losses of a mode without a force are compared with nothing.
+        return np.full(len(theta), self.data.force.known_ratios.get(mode, 1.0))
 
     def find_slopes(
         self, theta: FloatArray, couplings: FloatArray | None = None
