@@ -36,6 +36,9 @@ def test_laws_have_short_and_full_names_and_scales_have_units():
         ({"law": "cubic + cubic", "scale": 1}, "twice"),
         ({"law": "signed power", "scale": (1,)}, "1 scale(s): give 2"),
         ({"law": "cubic damping", "scale": 1}, "has no spring"),
+        ({"law": "blow off damping", "scale": (1, 0.5)}, "has no spring"),
+        ({"law": "cubic + linear dampng", "scale": 1}, "did you mean 'linear_damping'"),
+        ({"law": "cubic + linear damping + signed power damping", "scale": 1}, "which are one kind: give one of them"),
         ({"law": "arctan_mixed", "scale": 1}, "depends on the rate and on the travel: give springs and dampers apart"),
     ],
 )

@@ -73,6 +73,53 @@ def test_the_loss_is_the_work_of_the_force_of_the_damped_structure(mode, dampers
         assert lost[0, 0] / (4 * np.pi * energy[0, 0]) == pytest.approx(alone, rel=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("kind", "values", "as_linear"),
+    [
+        ("signed_power_damping", (0.4, 1.0), 1.0),
+        ("orifice_damping", (2.0, 3.0), 2.0),  # the mean of 1 and r times a quadratic damper
+        ("asymmetric_damping", (0.4,), 0.0),  # what it takes in one direction it gives back in the other
+        ("blow_off_damping", (0.4, 2.0), 0.0),  # its valve stays shut
+    ],
+)
+def test_a_damper_that_differs_between_directions_loses_the_energy_of_the_whole_period(kind, values, as_linear):
+    found = family_evaluator(
+        system(), ("cubic_stiffness",), mode=1, sensor=CONTROLLED, amplitude=AMPLITUDE, harmonics=(1,)
+    )(np.array([[CUBIC]]))
+    springs = [PlacedTerm("cubic_stiffness", np.array([[CUBIC]]), EVERYWHERE)]
+    alone, _ = find_loss(found, system(), springs, [], np.array([RATIO]))
+    lost, _ = find_loss(found, system(), springs, [PlacedTerm(kind, np.array([values]), EVERYWHERE)], np.array([RATIO]))
+    extension, omega = found.extension[0], np.sqrt(found.eigenvalue[0])
+    power = 2 if kind == "orifice_damping" else 1
+    factor = np.pi if power == 1 else 8.0 / 3.0
+    closed = as_linear * values[0] * factor * omega**power * np.sum(np.abs(extension) ** (power + 1), axis=1)
+    np.testing.assert_allclose((lost - alone)[0], closed, rtol=1e-6, atol=1e-9 * alone.max())
+
+
+def test_a_free_mode_has_no_loss_in_the_mean():
+    free = JointedModes(
+        np.append(0.0, system().eigenvalue),
+        np.column_stack([np.ones(3), system().at_sensors]),
+        np.column_stack([np.zeros(2), system().at_joints]),
+        system().sensors,
+        system().joints,
+    )
+    losses = []
+    for structure, mode in ((system(), 1), (free, 2)):
+        given = np.array([[CUBIC, 1e4]])
+        found = family_evaluator(
+            structure, ("cubic_stiffness", "even_quadratic_stiffness"), mode=mode, sensor=CONTROLLED,
+            amplitude=AMPLITUDE, harmonics=(0, 1, 2, 3),
+        )(given)  # fmt: skip
+        springs = [
+            PlacedTerm(name, given[:, [k]], EVERYWHERE)
+            for k, name in enumerate(("cubic_stiffness", "even_quadratic_stiffness"))
+        ]
+        losses.append(find_loss(found, structure, springs, [], np.array([RATIO]))[0])
+    assert np.isfinite(losses[1]).all()
+    np.testing.assert_allclose(losses[1], losses[0], rtol=1e-9)
+
+
 def measured(dampers, seed, *, gain_std=0.02):
     """Three curves of each mode with noise, all with one error of calibration."""
     rng = np.random.default_rng(seed)
@@ -254,4 +301,5 @@ prior = [["uniform", 0, 5], ["uniform", 0, 6], "known"]
     assert [each.unit for each in own.law_parameters] == ["N/m^3", "N s/m"]
     table = tabulate_class(own)
     assert table.law == "cubic + linear_damping + quadratic_damping"
+    assert [each.key for each in own.law_parameters] == ["cubic_stiffness", "linear_damping"]
     assert table.model.terms == own.terms

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -205,7 +206,8 @@ def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> 
     formulas: dict[tuple[str, ...], list[str]] = {}
     for number, term in enumerate(own.terms, start=1):
         formula = r"c\, \dot z" if term.is_linear_damper else LAWS[term.kind].latex
-        latex = formula.replace("k", f"k{number}", 1).replace("c", f"c{number}", 1) if several else formula
+        # the amplitude is the first letter of a formula
+        latex = re.sub(r"^(-?[ck])(?![a-z])", rf"\g<1>{number}", formula) if several else formula
         formulas.setdefault(term.joints, []).append(latex)
     laws = (
         embed_formula(f"f = {' + '.join(each)}") + (f" at {', '.join(joints)}" if joints else "")

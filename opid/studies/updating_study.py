@@ -476,8 +476,8 @@ def find_term(text: str) -> str:
     for name in (plain, f"{plain}_stiffness"):
         if name in LAWS or name == _LINEAR:
             return name
-    springs = [kind.removesuffix("_stiffness") for kind in LAWS if len(LAWS[kind].parameters) == 1]
-    raise InputError(f"there is no law {text.strip()!r}: {nearest(plain, springs)}")
+    known = [kind.removesuffix("_stiffness") for kind in LAWS if LAWS[kind].memory is None]
+    raise InputError(f"there is no law {text.strip()!r}: {nearest(plain, [*known, _LINEAR])}")
 
 
 def _list_parameters(kind: str) -> tuple[Parameter, ...]:

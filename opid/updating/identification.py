@@ -73,8 +73,8 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _predict(study, data, best, linear)
-    chance = np.random.default_rng([study.seed, 5])
-    damping = () if data.force is None else predict_damping(data, best, study.backbones, rng=chance)
+    chance = np.random.default_rng([study.seed, 6])
+    damping = () if data.force is None else tuple(predict_damping(data, best, study.backbones, rng=chance))
     confusion = None
     if study.n_confused:
         say("confusion of classes")

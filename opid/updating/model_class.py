@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
 from opid.errors import InputError, nearest
-from opid.mechanics.backbones.harmonic_balance import TRIED_M, depends_on_rate
+from opid.mechanics.backbones.harmonic_balance import TRIED_M, TRIED_M_PER_S, depends_on_rate
 from opid.mechanics.laws.kinds import LAWS, Parameter
 from opid.mechanics.laws.law import Law, Term
 from opid.signals.recording import FloatArray
@@ -196,7 +196,8 @@ class UncertainTerm:
 
 def depends_on_travel(term: Term) -> bool:
     """Return whether the force of a term differs between extensions at one rate."""
-    return bool(np.ptp(term.evaluate(TRIED_M, np.full(TRIED_M.size, 0.1))[0]))
+    tried = (term.evaluate(TRIED_M, np.full(TRIED_M.size, rate))[0] for rate in TRIED_M_PER_S)
+    return any(np.ptp(each) > 0.0 for each in tried)
 
 
 @dataclass(frozen=True)
@@ -242,7 +243,8 @@ class ClassParameter:
     def key(self) -> str:
         """The name in files: "cubic_stiffness", with what distinguishes it: "gas_column.exponent at front"."""
         inner = f".{self.own.name}" if self.index else ""
-        return f"{self.term.kind}{inner}{self.term.place}"
+        kind = "linear_damping" if self.term.is_linear_damper else self.term.kind
+        return f"{kind}{inner}{self.term.place}"
 
     @property
     def words(self) -> str:
@@ -339,8 +341,14 @@ class ModelClass:
             raise InputError(f"class {self.name!r} has no unknown parameter: give one a prior")
         for number, one in enumerate(self.terms):
             for other in self.terms[:number]:
-                if one.kind == other.kind and not (one.joints and other.joints and not {*one.joints} & {*other.joints}):
-                    raise InputError(f"class {self.name!r} names {one.kind!r} twice at a joint: name each once")
+                if one.kind != other.kind or (one.joints and other.joints and not {*one.joints} & {*other.joints}):
+                    continue
+                if one.is_linear_damper or other.is_linear_damper:
+                    raise InputError(
+                        f"class {self.name!r} has a linear damper and another {short_kind(one.kind)} at a joint, which "
+                        "are one kind: give one of them, or a quadratic or cubic damping beside the linear one"
+                    )
+                raise InputError(f"class {self.name!r} names {one.kind!r} twice at a joint: name each once")
 
     @property
     def kinds(self) -> tuple[str, ...]:

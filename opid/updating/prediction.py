@@ -268,18 +268,19 @@ def _leave_mode_out(
     """Return the fraction of the points of a mode within the band of lambda that the other modes give; None without it.
 
     The samples of the posterior get the inverse of the likelihood of this mode as their weight. No curve of the mode
-    tells its errors then: they are drawn as large as they are stated.
+    tells its errors then: they are drawn as large as they are stated. There is none where the force is used, for its
+    calibration is common to all modes, so that this weight does not take the mode out.
     """
-    if mode.errors is None or len(data.modes) < 2:
+    if mode.errors is None or len(data.modes) < 2 or data.force is not None:
         return None
     at_nodes, shapes = _draw_curves(data, mode, posterior, UPDATING.n_weighed, rng)
     if not len(at_nodes):
         return None
-    chance = -weigh_as_recommended(mode, at_nodes, shapes)
-    share = np.exp(chance - chance.max())
-    if share.sum() ** 2 / (share**2).sum() < UPDATING.fewest_left:
+    log_weight = -weigh_as_recommended(mode, at_nodes, shapes)
+    weight = np.exp(log_weight - log_weight.max())
+    if weight.sum() ** 2 / (weight**2).sum() < UPDATING.fewest_left:
         return None
-    eigenvalue = at_nodes[_choose(chance, rng)] @ mode.between.T
+    eigenvalue = at_nodes[_choose(log_weight, rng)] @ mode.between.T
     growth, noise, errors = eigenvalue / mode.linear - 1, data.noise, mode.errors
     patterns = np.stack([np.ones_like(growth), errors.frequency * growth], axis=2)
     if errors.patterns is not None:
@@ -302,9 +303,9 @@ def _draw_curves(
     return at_nodes[~lost], shapes[~lost]
 
 
-def _choose(chance: FloatArray, rng: np.random.Generator) -> IntArray:
+def _choose(log_weight: FloatArray, rng: np.random.Generator) -> IntArray:
     """Return numbers of draws, (n_predicted,), drawn by the logarithms of their weights."""
-    return np.asarray(np.argmax(chance + rng.gumbel(size=(UPDATING.n_predicted, chance.size)), axis=1))
+    return np.asarray(np.argmax(log_weight + rng.gumbel(size=(UPDATING.n_predicted, log_weight.size)), axis=1))
 
 
 def _lie_within(values: FloatArray, drawn: FloatArray) -> FloatArray:

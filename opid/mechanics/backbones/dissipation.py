@@ -17,8 +17,8 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.laws.law import FloatArray
 
-# Times in half a period. Forces of dampers have corners where the motion turns; the error of |v| v is below 1e-6.
-N_TIMES = 48
+# Times in a period. Forces of dampers have corners where the motion turns; the error of |v| v is below 1e-6.
+N_TIMES = 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +71,14 @@ def find_loss(
     """
     harmonics, n_joints = np.array(found.harmonics), len(system.joints)
     amplitudes = found.extension.reshape(*found.extension.shape[:2], harmonics.size, n_joints)
-    # After half a period a motion of odd harmonics is the same with the other sign, and so are its forces.
-    n_times, span = (2 * N_TIMES, 2 * np.pi) if (harmonics % 2 == 0).any() else (N_TIMES, np.pi)
-    angle = np.outer(harmonics, span * (np.arange(n_times) + 0.5) / n_times)
+    # The whole period, for a damper may have other forces in one direction than in the other.
+    angle = np.outer(harmonics, 2 * np.pi * (np.arange(N_TIMES) + 0.5) / N_TIMES)
     omega = np.sqrt(found.eigenvalue)
     extension = np.einsum("nphj,ht->npjt", amplitudes, np.cos(angle))
     rate = -omega[..., None, None] * np.einsum("nphj,ht->npjt", amplitudes, harmonics[:, None] * np.sin(angle))
     nothing = np.zeros_like(extension)
     elastic = sum((term.find_force(extension, nothing) for term in springs), nothing)
-    weight = np.cos(angle) * np.where(harmonics == 0, 1.0, 2.0)[:, None] / n_times
+    weight = np.cos(angle) * np.where(harmonics == 0, 1.0, 2.0)[:, None] / N_TIMES
     q = _find_coordinates(found, system, amplitudes, np.einsum("npjt,ht->nphj", elastic, weight))
     square = (harmonics[:, None] * q) ** 2
     modal = square @ np.sqrt(np.maximum(system.eigenvalue, 0.0))
@@ -100,7 +99,9 @@ def _find_coordinates(
     m, first, own = system.index(found.mode), found.harmonics.index(1), system.at_joints[:, system.index(found.mode)]
     apart = system.eigenvalue - np.array(found.harmonics)[:, None] ** 2 * found.eigenvalue[..., None, None]
     # The equation of the mode itself is singular in the first harmonic; there the extensions tell its coordinate.
+    # A mean loses nothing, and that of a free mode is not known.
     apart[..., first, m] = np.inf
+    apart[..., np.array(found.harmonics) == 0, :] = np.inf
     q = -(forces @ system.at_joints) / apart
     q[..., first, m] = (amplitudes[..., first, :] - q[..., first, :] @ system.at_joints.T) @ own / (own @ own)
     return np.asarray(q)

@@ -25,6 +25,8 @@ POWERS = {
 POLYNOMIALS = {"even_quadratic_stiffness": 2, "cubic_stiffness": 3, "quintic_stiffness": 5}
 # extensions at which a law is tried for its symmetry, m
 TRIED_M = np.geomspace(1e-6, 1e-1, 21)
+# rates at which it is tried for its damping, m/s: a valve may open at high ones only
+TRIED_M_PER_S = (0.1, 10.0, 1e3)
 # number of times in half a period for laws whose corners may lie anywhere
 MANY_TIMES = 256
 
@@ -73,8 +75,10 @@ def is_odd(terms: Sequence[Term]) -> bool:
 
 def depends_on_rate(term: Term) -> bool:
     """Return whether the force of a term depends on the rate of the extension."""
-    at_rest, moving = (term.evaluate(TRIED_M, np.full(TRIED_M.size, rate))[0] for rate in (0.0, 0.1))
-    return not np.array_equal(at_rest + 0.0 * TRIED_M, moving + 0.0 * TRIED_M)
+    at_rest, *moving = (
+        term.evaluate(TRIED_M, np.full(TRIED_M.size, rate))[0] + 0.0 * TRIED_M for rate in (0.0, *TRIED_M_PER_S)
+    )
+    return not all(np.array_equal(at_rest, each) for each in moving)
 
 
 def refuse_velocity(terms: Sequence[Term]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from opid.errors import InputError
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, draw_set
 from opid.updating.measured import MeasuredBackbone, by_mode
+
+if TYPE_CHECKING:
+    from opid.updating.likelihood.backbones import ModeData
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +44,7 @@ class ForceData:
 
 
 def force_data(
-    modes: Sequence[Any], measured: Sequence[MeasuredBackbone], noise: NoiseSettings, ratios: Mapping[int, float]
+    modes: Sequence[ModeData], measured: Sequence[MeasuredBackbone], noise: NoiseSettings, ratios: Mapping[int, float]
 ) -> ForceData:
     """Return the work of the force along all backbones that have one.
 
@@ -61,7 +64,8 @@ def force_data(
     for mode, width in zip(modes, n_nodes, strict=True):
         driven = [index for index, one in enumerate(curves_of[mode.mode]) if one.force_n is not None]
         kept = np.isin(mode.curve, driven)
-        values += [find_stiffness(curves_of[mode.mode][index]) for index in driven]
+        own = [curves_of[mode.mode][index] for index in driven]
+        values += [find_stiffness(one, one.controlled_sensor) for one in own]
         block = np.zeros((int(kept.sum()), sum(n_nodes)))
         block[:, column : column + width] = mode.between[kept]
         between.append(block)
@@ -104,11 +108,11 @@ def draw_force(data: ForceData, losses: FloatArray, noise: NoiseSettings, rng: n
     return replace(data, values=values, noise=_make_noise(values, place, noise))
 
 
-def find_stiffness(one: MeasuredBackbone) -> FloatArray:
-    """Return the work of the force over pi A^2 at each point of a curve, N/m."""
+def find_stiffness(one: MeasuredBackbone, sensor: str) -> FloatArray:
+    """Return the work of the force over pi A^2 at each point of a curve, N/m, with A the amplitude of a sensor."""
     assert one.force_n is not None
-    drive = np.abs(one.amplitude[:, one.sensors.index(one.drive)])
-    return one.force_n * drive / one.controlled_amplitude**2
+    drive, own = (one.amplitude[:, one.sensors.index(name)] for name in (one.drive, sensor))
+    return np.asarray(one.force_n * np.abs(drive) / own**2)
 
 
 def _make_noise(values: FloatArray, place: Mapping[str, Any], noise: NoiseSettings) -> CurveNoise:
