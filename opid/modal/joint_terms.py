@@ -30,10 +30,7 @@ from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
 Values = tuple[float, ...]
-# travels over the largest displacement, beyond which a joint is friction, or a spring
-_SEEN_TRAVELS = (1e-4, 1e2)
 IWAN = "iwan_friction"
-JUMP = 3  # the place of the jump among its parameters
 # fall of the amplitude in a radian, at which the change is measured: with 0.005 and 0.02 it differs by 1 %
 _FALL = 0.01
 # Half cycles before those that are averaged, for the start is forgotten then, their number, and the angles in each
@@ -64,6 +61,11 @@ class JointKind:
         return self.name == "slip"
 
     @property
+    def has_jump(self) -> bool:
+        """Whether it is an Iwan joint of which a part slides at once, at the end, and that part is fitted."""
+        return self.name == IWAN and not self.held
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters of the kind of law that are fitted; none of slip without an end."""
         return () if self.is_slip else LAWS[self.name].parameters[: self.n_fitted]
@@ -77,11 +79,11 @@ class JointKind:
         if self.is_slip:
             return values[1] > -1.0
         _, travel, *inner = self.complete(values)
-        if not _SEEN_TRAVELS[0] < travel < _SEEN_TRAVELS[1]:
+        if not _is_within(travel, MODAL.searched_travels):
             return False
         if self.name == IWAN:
-            return 0.15 < inner[0] < 0.99 and inner[1] > -0.5
-        return not inner or 0.2 < inner[0] < 50.0
+            return _is_within(inner[0], MODAL.searched_spreads) and inner[1] > MODAL.least_jump
+        return not inner or _is_within(inner[0], MODAL.searched_sharpness)
 
     def is_possible(self, values: Values) -> bool:
         """Whether a joint may have these values: it takes energy out and needs no endless force."""
@@ -114,6 +116,10 @@ class JointKind:
         grids = (MODAL.first_spreads, MODAL.first_jumps) if self.name == IWAN else (MODAL.first_sharpness,)
         first = (MODAL.first_exponents,) if self.is_slip else (MODAL.first_travels, *grids)
         yield from product(*first[: self.n_fitted - 1])
+
+
+def _is_within(value: float, ends: tuple[float, float]) -> bool:
+    return ends[0] < value < ends[1]
 
 
 JOINT_KINDS: Mapping[str, tuple[JointKind, ...]] = {
@@ -383,7 +389,7 @@ class ModalJoint:
     @property
     def law(self) -> Law:
         """The force of a named joint that is no set of sliders, per unit mass, as a law; linear where there is none."""
-        if self.terms.kind in ("", "iwan_friction"):
+        if self.terms.kind in ("", IWAN):
             return LINEAR
         return Law((Term(self.terms.kind, self.terms.values),))
 
@@ -405,7 +411,7 @@ class ModalJoint:
     def _spread(self) -> tuple[FloatArray, FloatArray]:
         """Return stiffness and slip force of the elements, (n,) each; both are exact in each range of travels."""
         slip, exponent, jump, end = self.terms.slip, self.terms.exponent, 0.0, np.inf
-        if self.terms.kind == "iwan_friction":
+        if self.terms.kind == IWAN:
             (slip, exponent, jump), end = split_iwan(self.terms.values), self.terms.values[1]
         stiffness, slip_force = np.zeros(0), np.zeros(0)
         if slip > 0.0:

@@ -168,6 +168,13 @@ class ModalThresholds:
     first_spreads: tuple[float, ...] = (0.4, 0.5, 0.65)
     first_jumps: tuple[float, ...] = (0.2, 1.0)
     first_sharpness: tuple[float, ...] = (1.2, 2.5, 6.0)
+    # ranges within which such a search moves. A joint of a smaller travel, over the largest displacement, is friction,
+    # and one of a larger is a spring; a spread of 1 has no stiffness at rest, and one below 0.15 is a corner; a part of
+    # the force that slides at once has no sense below a jump of -1/2; an exponent above 50 is a corner, too
+    searched_travels: tuple[float, float] = (1e-4, 1e2)
+    searched_spreads: tuple[float, float] = (0.15, 0.99)
+    least_jump: float = -0.5
+    searched_sharpness: tuple[float, float] = (0.2, 50.0)
     # steps by which the linear damping that begins such a search is lowered, to 0.7 of it each, where the law has
     # decayed before the record ends: with eight it is 6 %
     slower_starts: int = 8

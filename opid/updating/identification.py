@@ -73,8 +73,8 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _predict(study, data, best, linear)
-    chance = np.random.default_rng([study.seed, 6])
-    damping = () if data.force is None else tuple(predict_damping(data, best, study.backbones, rng=chance))
+    own = np.random.default_rng([study.seed, 6])
+    damping = () if data.force is None else tuple(predict_damping(data, best, study.backbones, rng=own))
     confusion = None
     if study.n_confused:
         say("confusion of classes")
@@ -256,13 +256,13 @@ def _predict(
 ) -> tuple[tuple[BackboneBand, ...], list[str]]:
     """Return the bands of measured modes, then those of other modes that the study asks for, with their sentences."""
     bands: tuple[BackboneBand, ...] = ()
-    told: list[str] = []
+    warnings: list[str] = []
     try:
         bands = predict(data, best, study.backbones, rng=np.random.default_rng([study.seed, 3]))
     except NotDeterminedError as error:
-        told.append(f"there is no prediction: {error}")
+        warnings.append(f"there is no prediction: {error}")
     if not study.prediction.modes:
-        return bands, told
+        return bands, warnings
     rng, model_class = np.random.default_rng([study.seed, 5]), best.model_class
     theta = best.samples[rng.integers(len(best.samples), size=UPDATING.n_predicted)]
     if linear is not None and not study.is_joint:
@@ -270,7 +270,7 @@ def _predict(
         data, (model_class,) = _free_factors(study, linear, data, [model_class])
         theta = np.hstack([theta, linear.samples[rng.integers(len(linear.samples), size=len(theta))]])
     others, extrapolated = predict_unmeasured(data, model_class, theta, study.prediction, study.backbones, rng=rng)
-    return (*bands, *others), [*told, *extrapolated]
+    return (*bands, *others), [*warnings, *extrapolated]
 
 
 def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:

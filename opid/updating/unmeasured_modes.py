@@ -117,11 +117,11 @@ def predict_unmeasured(
     if data.structure is not None and noise.linear_error_growth is None:
         growth_of_error = UNMENDED_GROWTH  # The errors of the factors are drawn with theta.
     bands: list[BackboneBand] = []
-    told: list[str] = []
+    warnings: list[str] = []
     for mode in wanted.modes:
         sensor = _choose_sensor(wanted, system, mode)
-        most = min(moved, extended / system.extension_over(mode, sensor))
-        ends = (UPDATING.least_amplitude * most, most) if wanted.amplitude_m is None else wanted.amplitude_m
+        largest = min(moved, extended / system.extension_over(mode, sensor))
+        ends = (UPDATING.least_amplitude * largest, largest) if wanted.amplitude_m is None else wanted.amplitude_m
         amplitude = np.linspace(*ends, N_AMPLITUDES)
         found = make_solver(data, model_class, mode, sensor, amplitude)(theta)
         linear, controlled = float(system.eigenvalue[system.index(mode)]), system.sensor(sensor)
@@ -132,14 +132,14 @@ def predict_unmeasured(
         relative = draw_motions(found, controlled, growth, noise.linear_shape_error, growth_of_error, rng)
         sensors = []
         for row in np.delete(np.arange(len(system.sensors)), controlled):
-            least, motion, most = amplitude * find_band(relative[..., row])
-            sensors.append(SensorBand(system.sensors[row], motion, least, most, float("nan")))
+            below, motion, above = amplitude * find_band(relative[..., row])
+            sensors.append(SensorBand(system.sensors[row], motion, below, above, float("nan")))
         nothing = float("nan")
         bands.append(
             BackboneBand(mode, sensor, amplitude, middle, low, high, nothing, is_measured=False, sensors=tuple(sensors))
         )
-        told += _warn_of_extrapolation(mode, system.extension_over(mode, sensor) * float(amplitude[-1]), extended)
-    return tuple(bands), told
+        warnings += _warn_of_extrapolation(mode, system.extension_over(mode, sensor) * float(amplitude[-1]), extended)
+    return tuple(bands), warnings
 
 
 def _choose_sensor(wanted: PredictionSettings, system: JointedModes, mode: int) -> str:

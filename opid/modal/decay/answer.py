@@ -16,7 +16,6 @@ from opid.modal.decay.law_search import LawForm
 from opid.modal.decay.scaled_track import find_span
 from opid.modal.decay.slow_flow import Flow, solve_slow_flow
 from opid.modal.forced.restoring_fit import find_jackknife
-from opid.modal.joint_terms import JUMP
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -84,7 +83,7 @@ def _find_joint_error(best: FormFit, curves: _LawCurves, lowest: float) -> Float
         of_values, of_rest = MODAL.joint_error
         first, (k0, c0) = best.form.size - best.form.n_memory, best.places
         errors[first:] = of_values * best.vector[first:]
-        if best.form.memory.n_fitted == JUMP + 1:
+        if best.form.memory.has_jump:
             # The fraction of the force that slides at once is J / (1 + J).
             errors[-1] *= 1.0 + best.vector[-1]
         errors[k0] = of_rest * float(best.form.split(best.vector)[2].find_softening(np.array([lowest]))[0])

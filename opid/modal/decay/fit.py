@@ -209,11 +209,11 @@ def _prefer_joint(problem: DecayProblem, fitted: FittedForms) -> FittedForms:
     fits = weigh_fits(problem, [*found, *(fit for fit, _ in fitted.fits)])
     kind = fits[0][0].form.memory
     assert kind is not None
-    told = (
+    warning = (
         f"powers, dry friction and slip do not explain the decay, but {kind.words} does (by {gain:.3g} in the Bayesian "
         f"criterion, {MODAL.decisive:g} is decisive)"
     )
-    return FittedForms(fits, False, (told,))
+    return FittedForms(fits, False, (warning,))
 
 
 def _doubt_without_friction(problem: DecayProblem, fitted: FittedForms) -> FittedForms:

@@ -263,8 +263,9 @@ def free_decay(
         friction: whether there is dry friction F sgn(q'); where None, the criterion chooses, if it chooses the orders.
         memory: whether there is an Iwan joint that slips, likewise; or the name of a kind of joint, which the law then
             has: "iwan_friction", of which a slider with a spring is a limit, "dahl_friction", or "bouc_wen" of the
-            shape 1/2. Powers and friction then stand beside it only if they are asked for. Where None, such a joint is
-            taken where the other laws miss the decay beyond its noise, and it does not.
+            shape 1/2. Powers and friction then stand beside it only if they are asked for. Where this, both orders and
+            `friction` are None, such joints are tried if the other laws miss the decay beyond its noise; one that
+            explains it is taken.
         name: the name of the record.
         mode: number of the mode, if the signal is a modal coordinate.
         gain_std: standard deviation of the gain of the signal, as a fraction, by which all intervals that depend on the
