@@ -160,7 +160,7 @@ def test_dampers_are_found_and_chosen():
     for seed in range(3):
         found = update_study(study(measured(BOTH, seed)))
         assert found.best_class == "both"
-        assert not any("do not lose the measured energy" in each for each in found.classes[0].warnings)
+        assert not any("force" in each for each in found.classes[0].warnings)
         for (own, estimate), true in zip(
             found.classes[0].coefficients.items(), (CUBIC, LINEAR, QUADRATIC, RATIO, RATIO), strict=True
         ):
@@ -171,6 +171,26 @@ def test_dampers_are_found_and_chosen():
     within = np.interp(band.measured_amplitude, band.amplitude, band.damping_ratio)
     np.testing.assert_allclose(band.measured, within, rtol=0.06)
     assert band.damping_ratio[-1] > 1.5 * band.damping_ratio[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "damping"),
+    [
+        ({"factor": 1e3}, None),  # mN taken for N
+        ({"factor": 1e-3}, None),
+        ({"factor": 2.0}, None),  # peak to peak
+        ({"drive": "middle"}, {1: RATIO, 2: RATIO}),
+        ({}, {1: RATIO, 2: 2 * RATIO}),
+    ],
+)
+def test_a_force_of_another_size_is_told(change, damping):
+    factor, drive = change.get("factor", 1.0), change.get("drive", DRIVE)
+    wrong = tuple(replace(each, force_n=factor * each.force_n, drive=drive) for each in measured(BOTH[:1], 0))
+    known = {} if damping is None else {"damping": damping}
+    linear = ModelClass("linear", (SPRING, LINEAR_TERM))
+    found = update_study(study(wrong, classes=(linear,), n_samples=1000, **known))
+    words = ("times what the dampers and damping ratios need", "standard deviations out", "presses against")
+    assert any(word in each for each in found.all_warnings for word in words)
 
 
 def test_a_mode_or_a_curve_may_have_no_force():

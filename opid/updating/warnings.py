@@ -19,6 +19,7 @@ from opid.updating.likelihood.curves import (
     residuals,
 )
 from opid.updating.likelihood.force import ForceData
+from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior
 from opid.updating.sampling.chains import Chain, Diagnostics, find_pressures
@@ -69,8 +70,9 @@ def warn_of_class(
         yield f"theta_{pressure.parameter} {pressure.sentence}"
     misfits = lack_of_fit(data, model_class, best)
     yield from warn_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
-    if data.force is not None:
-        yield from warn_of_force(force_misfit(data, data.force, model_class, best))
+    if data.force is not None and (error := find_force_error(data, data.force, model_class, best)) is not None:
+        yield from warn_of_force(force_misfit(data.force, error, data.noise))
+        yield from warn_of_force_level(data.force, error, data.noise)
     near = chain.thinned(UPDATING.n_checked)
     far = best + UPDATING.far_out * (near - best)
     far = np.concatenate([best[None], far[np.isfinite(model_class.log_prior(far))]])
@@ -181,23 +183,49 @@ def warn_of_force(misfits: Sequence[LackOfFit]) -> Iterator[str]:
         )
 
 
-def force_misfit(data: BackboneData, force: ForceData, model_class: ModelClass, theta: FloatArray) -> list[LackOfFit]:
-    """Return the misfit of theta, (n_parameters,), to the work of the force of each mode that has one, as a fraction.
+def warn_of_force_level(force: ForceData, error: FloatArray, noise: NoiseSettings) -> Iterator[str]:
+    """Yield a sentence for each mode whose force is larger or smaller than calibration and scatter allow.
 
-    It is judged as `lack_of_fit` does.
+    `error` is that of `find_force_error`. The curves of a mode have the calibration and the error of its energy in
+    common, and each has an offset, which is expected as it scatters, and at least as it is stated.
     """
+    for number in np.unique(force.of_mode):
+        curve, own = force.place["curve"][force.of_mode == number], error[force.of_mode == number]
+        levels = np.array([own[curve == each].mean() for each in np.unique(curve)])
+        offset = max(noise.force_offset, float(levels.std(ddof=1)) if levels.size > 1 else 0.0)
+        expected = np.sqrt(noise.force_error**2 + noise.energy_error**2 + offset**2 / levels.size)
+        if abs(levels.mean()) > UPDATING.missed_sigma * expected:
+            yield (
+                f"with the best parameters the force of mode {number} is {np.exp(levels.mean()):.3g} times what the "
+                f"dampers and damping ratios need, {abs(levels.mean()) / expected:.0f} standard deviations of its "
+                "calibration: check its unit (peak or rms), the drive point and the damping ratios, do not use the "
+                "intervals of the dampers"
+            )
+
+
+def find_force_error(
+    data: BackboneData, force: ForceData, model_class: ModelClass, theta: FloatArray
+) -> FloatArray | None:
+    """Return the logarithm of the measured work over that of theta, (n_points,); None where the model has no curve."""
     rows, losses = theta[np.newaxis], []
     for mode in data.modes:
         curves = make_curves(data, mode, model_class)
         losses.append(curves.find_losses(rows, curves.solve(rows)))
     error = force.values - force.place["between"] @ np.concatenate(losses, axis=1)[0]
+    return error if np.isfinite(error).all() else None
+
+
+def force_misfit(force: ForceData, error: FloatArray, noise: NoiseSettings) -> list[LackOfFit]:
+    """Return the misfit to the work of the force over the amplitude of each mode that has one, as a fraction.
+
+    It is judged as `lack_of_fit` does. `error` is that of `find_force_error`.
+    """
     found = []
-    for number in np.unique(force.of_mode) if np.isfinite(error).all() else ():
+    for number in np.unique(force.of_mode):
         mine = force.of_mode == number
-        points = CurvePoints(
-            *(each[mine] for each in (force.place["curve"], force.relative_amplitude, force.place["growth"]))
-        )
-        judged = _judge_misfit(points, error[mine], 0.0, data.noise.curve_growth)
+        every = (force.place["curve"], force.relative_amplitude, force.place["growth"])
+        points = CurvePoints(*(each[mine] for each in every))
+        judged = _judge_misfit(points, error[mine], 0.0, noise.curve_growth)
         if judged is not None:
             found.append(LackOfFit(int(number), float(np.linalg.norm(judged[0])), judged[1]))
     return found
