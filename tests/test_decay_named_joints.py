@@ -189,6 +189,47 @@ def test_a_joint_is_found_where_powers_friction_and_slip_miss_the_decay(world):
     assert any("do not explain the decay, but" in each for each in law.warnings)
 
 
+def ring_with_more_damping():
+    """One slider with a spring beside a damping ratio of 1 %, whose corner the windows round off."""
+    structure = Structure(
+        [[1.0]], [[0.02 * OMEGA]], [[K0 - FORCE / TRAVEL]],
+        (Joint("bolt", np.array([1.0]), sliders=Sliders([FORCE / TRAVEL], [FORCE])),),
+    )  # fmt: skip
+    found = time_response(
+        structure, lambda t: np.zeros((t.size, 1)), fs=FS, duration_s=DURATION_S, initial_velocity=[OMEGA * LEVEL],
+        steps_per_sample=8,
+    )  # fmt: skip
+    return found.acceleration[:, 0]
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_a_slider_is_found_by_its_name_and_never_told_by_an_exponent(seed):
+    signal = ring_with_more_damping()
+    named = follow(signal, "iwan_friction", seed).fitted
+    assert named.joint_values[0].holds(FORCE)
+    assert named.joint_values[1].holds(TRAVEL)
+    free = follow(signal, None, seed).fitted
+    if free.joint_kind is not None and free.joint_kind.name == "bouc_wen":
+        assert free.joint_values[2].interval95 is None
+        assert any("hardly told from one slider" in each for each in free.warnings)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_bands_of_a_named_joint_hold_the_damping_of_steady_cycles(seed):
+    law = follow(ring("dahl"), "dahl_friction", seed).fitted
+    joint = JointTerms(kind="dahl_friction", values=(FORCE, TRAVEL))
+    natural = np.sqrt(K0 - joint.find_softening(law.amplitude))
+    ratio = (C0 + joint.find_damping(law.amplitude) / natural) / (2.0 * natural)
+    assert np.mean(np.abs(law.damping_ratio - ratio) < 2.0 * law.damping_std) > 0.9
+    assert law.stiffness[1].holds(K0)
+
+
+def test_a_motion_that_no_structure_has_is_told():
+    for unit, is_told in ((1.0, False), (1e5, True)):
+        decay = follow(ring("dahl") * unit, False, quantity="acceleration")
+        assert any("check the unit of the channel" in each for each in decay.warnings) == is_told
+
+
 # ---- worlds without the joint ----------------------------------------------------------------------
 
 

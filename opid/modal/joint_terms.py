@@ -107,6 +107,10 @@ class JointKind:
         knows_spread = not has_spread or std[2] < MODAL.widest_exponent * values[2] ** 2
         return bool(stands_out.all() and knows_spread and values[1] < 1.0)
 
+    def is_sharp(self, values: Values) -> bool:
+        """Whether it is a joint of Bouc and Wen that yields almost as one slider does."""
+        return self.name == "bouc_wen" and values[2] > MODAL.sharp_exponent
+
     def slips_at(self, amplitude: float, values: Values) -> bool:
         """Whether something still slips at an amplitude, so that the law at rest is an extrapolation."""
         return self.is_slip or (self.name == IWAN and self.n_fitted > 2) or amplitude > values[1]
@@ -136,15 +140,17 @@ JOINT_KINDS: Mapping[str, tuple[JointKind, ...]] = {
 SLIP = JointKind("slip", 2, (), "slip of an Iwan joint")
 
 
-def read_memory(memory: bool | str | None) -> tuple[JointKind | None, ...]:
+def read_memory(memory: bool | str | JointKind | None) -> tuple[JointKind | None, ...]:
     """Return the joints with memory of which a law may have one.
 
     Args:
-        memory: False for none, True for slip without an end, None for both choices, or the name of a kind.
+        memory: False for none, True for slip without an end, None for both choices, a kind, or the name of kinds.
 
     Raises:
         InputError: a name that is no such kind, or of a kind that decays cannot show.
     """
+    if isinstance(memory, JointKind):
+        return (memory,)
     if not isinstance(memory, str):
         return (None, SLIP) if memory is None else (SLIP if memory else None,)
     if memory == "maxwell_arm":

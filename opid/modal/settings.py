@@ -183,6 +183,13 @@ class ModalThresholds:
     # corner where it begins to slide. With ratios of 0.8 to 2 % simulated decays gave forces that were off by up to 6 %
     # (where the motion reached only 1.5 times the travel), and a c0 that was off by 2 %
     joint_error: tuple[float, float] = (4.0, 1.5)
+    # acceleration, m/s^2, above which a decay is in a wrong unit: 100,000 g, more than any structure bears
+    most_acceleration: float = 1e6
+    # that of k0 over the stiffness of the joint at rest and that damping ratio: k0 was off by up to 0.25 of both
+    rest_error: float = 0.2
+    # exponent of Bouc and Wen above which the windows round off the corner where the joint yields: one slider with a
+    # spring was given exponents of 8 to 13
+    sharp_exponent: float = 5.0
     slip_exponents: tuple[float, float] = (-0.95, 1.5)  # range of chi; joints measured so far have -0.8 to 0.2
     most_rivals: int = 6  # forms of the law that are fitted to amplitude and phase, which takes most of the time
     least_weight: float = 0.01  # weight below which a rival form no longer widens the intervals

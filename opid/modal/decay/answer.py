@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from opid.modal.decay.law_search import LawForm
 from opid.modal.decay.scaled_track import find_span
 from opid.modal.decay.slow_flow import Flow, solve_slow_flow
 from opid.modal.forced.restoring_fit import find_jackknife
+from opid.modal.joint_terms import find_rest_stiffness
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -30,6 +31,7 @@ def describe_law(problem: DecayProblem, fitted: FittedForms) -> DecayLaw:
     few = _widen_few_windows(sum(each.log_amplitude.size for each in problem.decays), best.form.size)
     of_joint = _find_joint_error(best, curves, lowest)
     k0_error, c0_error = of_joint[list(best.places)]
+    curves = _widen_curves(best, curves)
     low_error = np.array([k0_error, c0_error, 0.5 * k0_error / low[2], 0.5 * c0_error / low[2]])
     low_std = np.sqrt((few * _widen(fitted.fits, low)) ** 2 + curves.find_missed_low(low[2]) ** 2 + low_error**2)
     wider = np.full(best.vector.size, few)
@@ -80,15 +82,36 @@ def _find_joint_error(best: FormFit, curves: _LawCurves, lowest: float) -> Float
     """
     errors = np.zeros(best.vector.size)
     if best.form.memory is not None and not best.form.memory.is_slip:
-        of_values, of_rest = MODAL.joint_error
+        of_values, of_curves = MODAL.joint_error
+        joint = best.form.split(best.vector)[2]
         first, (k0, c0) = best.form.size - best.form.n_memory, best.places
         errors[first:] = of_values * best.vector[first:]
         if best.form.memory.has_jump:
             # The fraction of the force that slides at once is J / (1 + J).
             errors[-1] *= 1.0 + best.vector[-1]
-        errors[k0] = of_rest * float(best.form.split(best.vector)[2].find_softening(np.array([lowest]))[0])
-        errors[c0] = of_rest * abs(best.vector[c0])
+        softened = of_curves * float(joint.find_softening(np.array([lowest]))[0])
+        errors[k0] = np.hypot(softened, MODAL.rest_error * find_rest_stiffness(joint.kind, joint.values))
+        errors[c0] = of_curves * abs(best.vector[c0])
     return float(np.max(0.5 * curves.damping / curves.natural)) * errors
+
+
+def _widen_curves(best: FormFit, curves: _LawCurves) -> _LawCurves:
+    """Return the curves of a law with what the slow flow leaves uncertain of a named joint.
+
+    So do the bands hold the curves of steady cycles, which differ by what a falling amplitude changes.
+    """
+    if best.form.memory is None or best.form.memory.is_slip:
+        return curves
+    joint = best.form.split(best.vector)[2]
+    ratio = 0.5 * curves.damping / curves.natural
+    error, change = MODAL.joint_error[1] * float(np.max(ratio)), ratio * joint.find_fall(curves.level)
+    square = np.hypot(error * joint.find_softening(curves.level), change.real)
+    damping = np.hypot(error * curves.damping, change.imag / curves.natural)
+    return replace(
+        curves,
+        natural_std=np.hypot(curves.natural_std, 0.5 * square / curves.natural),
+        damping_std=np.hypot(curves.damping_std, damping),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +234,8 @@ def _estimate_coefficients(
     if fitted.is_doubted and best.form.memory is not None and not best.form.memory.is_slip:
         # A named joint stays in the law where laws without it explain the decay better.
         rest = [each.without_interval() for each in rest]
+    if best.form.is_sharp(best.vector):
+        rest[-1] = rest[-1].without_interval()
     return estimates[:n_k], damping, friction, rest
 
 
@@ -267,6 +292,11 @@ def _warn_of_law(best: FormFit, lowest: float) -> list[str]:
     if best.form.slips_at(lowest, best.vector):
         warnings.append(
             "the joint still slips at the smallest amplitude: frequency and damping at zero amplitude are not told"
+        )
+    if best.form.is_sharp(best.vector):
+        warnings.append(
+            f"the joint yields so sharply (an exponent above {MODAL.sharp_exponent:g}) that it is hardly told from one "
+            "slider with a spring (Jenkins), whose exponent has no end: the exponent has no interval"
         )
     if best.repeat_misfit > MODAL.most_misfit:
         warnings.append(

@@ -24,7 +24,7 @@ from opid.modal.decay.scaled_track import FitUnits, ScaledTrack
 from opid.modal.decay.slow_flow import CloseModes, fit_close_modes
 from opid.modal.decay.track import Track
 from opid.modal.forced.restoring_fit import find_jackknife
-from opid.modal.joint_terms import JOINT_KINDS
+from opid.modal.joint_terms import JOINT_KINDS, JointKind
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
@@ -174,7 +174,8 @@ def _fit_named_joint(problem: DecayProblem, friction: bool | None, memory: str) 
     if gain < -MODAL.decisive:
         warnings.append(
             f"laws without {memory} explain the decay better (by {-gain:.3g} in the Bayesian criterion, "
-            f"{MODAL.decisive:g} is decisive), so that no intervals of joint and damping are told: leave memory out"
+            f"{MODAL.decisive:g} is decisive), so that no intervals of joint and damping are told: leave memory out, "
+            "or ask for powers beside the joint (stiffness_order, damping_order), of which it has none by itself"
         )
     elif gain < MODAL.decisive:
         warnings.append(
@@ -190,10 +191,17 @@ def _fit_named_joint(problem: DecayProblem, friction: bool | None, memory: str) 
 def _fit_joint(problem: DecayProblem, friction: bool, memory: str) -> list[FormFit]:
     """Return the forms with a named joint that the decays determine, without powers that are not asked for."""
     alone = replace(problem, stiffness_order=problem.stiffness_order or 1, damping_order=problem.damping_order or 1)
-    try:
-        return try_forms(alone, alone.search_forms(friction, memory)).fits
-    except NotDeterminedError:
-        return []
+    # Where no form of the likeliest kinds is determined, each kind is tried by itself: it may then explain all.
+    tried: list[str | JointKind] = [memory, *JOINT_KINDS.get(memory, ())]
+    for several in tried:
+        try:
+            found = try_forms(alone, alone.search_forms(friction, several)).fits
+        except NotDeterminedError:
+            continue
+        kept = [fit for fit in found if several == memory or not problem.find_unexplained(fit)]
+        if kept:
+            return kept
+    return []
 
 
 def _prefer_joint(problem: DecayProblem, fitted: FittedForms) -> FittedForms:
@@ -209,9 +217,13 @@ def _prefer_joint(problem: DecayProblem, fitted: FittedForms) -> FittedForms:
     fits = weigh_fits(problem, [*found, *(fit for fit, _ in fitted.fits)])
     kind = fits[0][0].form.memory
     assert kind is not None
+    is_other = np.array([fit.form.memory is not None and fit.form.memory.name != kind.name for fit in found])
+    apart = float(behind[: len(found)][is_other].min(initial=np.inf) - behind[: len(found)].min())
+    is_sure = apart > MODAL.decisive
     warning = (
         f"powers, dry friction and slip do not explain the decay, but {kind.words} does (by {gain:.3g} in the Bayesian "
         f"criterion, {MODAL.decisive:g} is decisive)"
+        + ("" if is_sure else f"; a joint of another kind does almost as well (by {apart:.3g}): its kind is not told")
     )
     return FittedForms(fits, False, (warning,))
 

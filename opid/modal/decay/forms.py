@@ -12,6 +12,7 @@ from opid.errors import NotDeterminedError
 from opid.modal.decay.form_fit import FormFit, fit_form
 from opid.modal.decay.law_search import LawForm, Linearisation, score_misfit, search_forms
 from opid.modal.decay.scaled_track import FitUnits, ScaledTrack
+from opid.modal.joint_terms import JointKind
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -37,7 +38,9 @@ class DecayProblem:
         explained = float(stats.chi2.ppf(1.0 - MODAL.chance_misfit, freedom)) / freedom
         return max(0.0, 1.0 - explained / max(fit.misfit**2, explained))
 
-    def search_forms(self, friction: bool | None, memory: bool | str | None) -> list[tuple[LawForm, FloatArray]]:
+    def search_forms(
+        self, friction: bool | None, memory: bool | str | JointKind | None
+    ) -> list[tuple[LawForm, FloatArray]]:
         """Return forms of the orders that are asked for, with or without a joint, as `search_forms` does."""
         return search_forms(
             self.seen,

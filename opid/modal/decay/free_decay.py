@@ -288,7 +288,8 @@ def free_decay(
     orders: dict[str, Any] = {"stiffness_order": stiffness_order, "damping_order": damping_order}
     law, of_law, close = _find_law(track, derivative, {**orders, "friction": friction, "memory": memory}, gain_std)
     amplitude, natural, natural_std, damping, damping_std = _find_curves(track, derivative, law, close, gain_std)
-    warnings = [*early, *_warn_of_track(track, amplitude), *of_law]
+    of_size = _warn_of_size(amplitude, natural) if length == "m" and mode is None else ()
+    warnings = [*early, *_warn_of_track(track, amplitude), *of_size, *of_law]
     order = np.argsort(-amplitude)
     time_s, signal, envelope = _thin_for_plot(series, track, fs)
     return Decay(
@@ -549,6 +550,17 @@ def _track_late_if_needed(series: FloatArray, stretch: Stretch, fs: float, may_w
             f"before {start / fs:.4g} s other oscillations disturb the mode too much: that part of the record is left "
             "out"
         ]
+
+
+def _warn_of_size(amplitude: FloatArray, natural: FloatArray) -> Iterator[str]:
+    """Yield a sentence where displacements, m, at angular frequencies are those of no structure."""
+    largest = int(np.argmax(amplitude * natural**2))
+    acceleration = float(amplitude[largest] * natural[largest] ** 2)
+    if acceleration > MODAL.most_acceleration:
+        yield (
+            f"the motion reaches {amplitude[largest]:.3g} m at {natural[largest] / (2.0 * np.pi):.4g} Hz, an "
+            f"acceleration of {acceleration / 9.80665:.2g} g: check the unit of the channel"
+        )
 
 
 def _warn_of_track(track: Track, amplitude: FloatArray) -> Iterator[str]:

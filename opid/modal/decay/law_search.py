@@ -91,6 +91,10 @@ class LawForm:
         """Whether something in the joint with memory still slips at an amplitude, in the units of the vector."""
         return self.memory is not None and self.memory.slips_at(amplitude, self._take_memory(vector))
 
+    def is_sharp(self, vector: FloatArray) -> bool:
+        """Whether the joint with memory yields so sharply that its exponent does not show."""
+        return self.memory is not None and self.memory.is_sharp(self._take_memory(vector))
+
     def _take_memory(self, vector: FloatArray) -> tuple[float, ...]:
         return tuple(vector[self.size - self.n_memory : self.size].tolist())
 
@@ -117,7 +121,7 @@ def search_forms(
     stiffness_order: int | None,
     damping_order: int | None,
     friction: bool | None,
-    memory: bool | str | None,
+    memory: bool | str | JointKind | None,
 ) -> list[tuple[LawForm, FloatArray]]:
     """Return the forms worth a closer look, the likeliest first, and the start values of each.
 
