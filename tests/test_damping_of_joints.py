@@ -1,5 +1,6 @@
 """Damping of joints from the force at phase resonance, against the damped, forced structure by harmonic balance."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -205,9 +206,24 @@ def test_a_mode_or_a_curve_may_have_no_force():
     assert (band.mode, band.measured.size) == (1, 2 * AMPLITUDE.size)
 
 
-def test_dampers_of_another_kind_are_told():
-    found = update_study(study(measured(FRICTION, 0)))
+@pytest.mark.parametrize("n_curves", [1, 3])
+def test_dampers_of_another_kind_are_told(n_curves):
+    curves = tuple(each for each in measured(FRICTION, 0) if each.name[-1] in "012"[:n_curves])
+    found = update_study(study(curves))
     assert any("these dampers do not lose the measured energy" in each for each in found.all_warnings)
+
+
+def test_an_error_that_does_not_grow_with_the_force_is_within_the_interval_if_it_is_stated():
+    linear = ModelClass("both", (SPRING, LINEAR_TERM, QUADRATIC_TERM))
+    right = measured(BOTH, 0, gain_std=0.0)
+    floor = {mode: 0.01 * max(each.force_n.max() for each in right if each.mode == mode) for mode in (1, 2)}
+    wrong = tuple(replace(each, force_n=each.force_n + floor[each.mode]) for each in right)
+    known = {1: RATIO, 2: RATIO}
+    stated = replace(study(wrong).noise, force_floor=0.01)
+    found = update_study(study(wrong, classes=(linear,), damping=known, noise=stated, n_samples=4000))
+    for name in ("theta_2", "theta_3"):
+        estimate = found.classes[0].estimates[name]
+        assert abs(estimate.value - 1.0) < 3.0 * estimate.std
 
 
 def test_a_damping_ratio_that_is_not_known_leaves_a_linear_damper_open():
@@ -260,12 +276,13 @@ def test_a_force_is_written_and_read_back(tmp_path):
         ({"drive": ""}, "a force and no drive point: give both or neither"),
         ({"force_n": None}, "no force and the drive point 'tip': give both or neither"),
         ({"drive": "tap"}, "acts at 'tap', which is not one of its sensors"),
-        ({"force_n": np.ones(3)}, "give one positive number for each"),
-        ({"force_n": np.zeros(AMPLITUDE.size)}, "give one positive number for each"),
+        ({"force_n": np.ones(3)}, "a force of shape (3,) for 12 points: give one number for each"),
+        ({"force_n": np.append(-1.0, np.ones(11))}, "is -1 N at one point: give positive amplitudes"),
+        ({"force_n": np.zeros(AMPLITUDE.size)}, "is 0 N at one point: give positive amplitudes"),
     ],
 )
 def test_a_force_that_cannot_be_is_refused(changes, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=re.escape(words)):
         replace(curve_of(1), **changes)
 
 
@@ -276,6 +293,7 @@ def test_a_force_that_cannot_be_is_refused(changes, words):
         ({"damping": {1: 0.01}}, "backbones of mode 2 have a force and it has no damping ratio"),
         ({"damping": {1: 0.01, 2: 0.01, 3: 0.01}}, "damping ratio of mode 3 is named, and a force is known of"),
         ({"damping": {1: 0.01, 2: -0.01}}, "give a number between 0 and 1"),
+        ({"damping": {1: 0.01, 2: Prior("normal", -0.01, 0.002)}}, "give a number between 0 and 1"),
         ({"sampler": "nuts"}, "the sampler is 'nuts', which has no slopes of the force"),
         ({"form": "paper"}, "take the recommended form"),
     ],

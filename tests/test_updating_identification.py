@@ -227,3 +227,12 @@ def test_classes_that_cannot_be_told_apart_are_doubted():
     twin = ModelClass("the same", made.CUBIC.terms)
     found = update_study(study(classes=(made.CUBIC, twin)))
     assert any("cannot distinguish them" in each for each in found.warnings)
+
+
+def test_a_small_structure_keeps_all_inner_modes_that_it_has():
+    given = {"structure": made.structure(), "parameters": dict.fromkeys(("plate", "leaves"), BOUNDS)}
+    few = study(**given, n_internal=0, classes=(made.CUBIC,))
+    usual = study(**given, n_internal=15, classes=(made.CUBIC,))
+    # All five degrees of freedom are sensors.
+    assert (few.n_kept, usual.n_kept) == (0, 0)
+    np.testing.assert_array_equal(update_study(few).classes[0].best, update_study(usual).classes[0].best)

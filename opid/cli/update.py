@@ -96,7 +96,7 @@ def _compare_reductions(study: UpdatingStudy, result: Updating) -> tuple[Reducti
     factors = {} if linear is None else {n: float(v) for n, v in zip(linear.names, linear.best, strict=True)}
 
     def compare_reduced(method: str) -> ReductionErrors:
-        reduced = craig_bampton(structure, factors, n_modes=study.n_internal, method=method)
+        reduced = craig_bampton(structure, factors, n_modes=study.n_kept, method=method)
         return reduction_errors(structure, reduced, min(N_COMPARED, reduced.n_dof), factors=factors)
 
     return compare_reduced("fixed"), compare_reduced("free")

@@ -148,7 +148,7 @@ def _reduce(study: UpdatingStudy, linear: LinearPosterior | None, say: Say) -> J
     if isinstance(study.structure, JointedModes):
         return study.structure
     say("reduction")
-    return reduce(study.structure, linear.factors if linear else {}, n_modes=study.n_internal)
+    return reduce(study.structure, linear.factors if linear else {}, n_modes=study.n_kept)
 
 
 def _choose_linear_errors(study: UpdatingStudy) -> LinearErrors:
@@ -193,7 +193,7 @@ def _find_growth(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[i
         linear.covariance,
         study.backbones,
         linear_error=noise.linear_error,
-        n_modes=study.n_internal,
+        n_modes=study.n_kept,
     )
     return growth | {mode: float(np.hypot(value, UNMENDED_GROWTH)) for mode, value in left.items()}
 
@@ -247,7 +247,7 @@ def _free_factors(
     """Return the backbones with the structure as a function of its factors, and classes with these as parameters."""
     assert isinstance(study.structure, AffineStructure)  # Otherwise it has no factors.
     factors = tuple(StiffnessFactor(name, study.parameters[name]) for name in linear.names)
-    structure = factored_modes(study.structure, linear.factors, linear.covariance, n_modes=study.n_internal)
+    structure = factored_modes(study.structure, linear.factors, linear.covariance, n_modes=study.n_kept)
     return replace(data, structure=structure), tuple(replace(each, factors=factors) for each in given)
 
 

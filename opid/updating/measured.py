@@ -26,6 +26,7 @@ from opid.signals.recording import FloatArray
 from opid.signals.units import split_unit, to_si
 from opid.updating.settings import UPDATING
 
+LARGEST_M = 1.0  # amplitude above which the unit must be wrong
 LEAST_POINTS = 3  # points of a backbone: fewer do not make a curve
 
 COMMANDS = {"opid.decay/1": "decay", "opid.resonance/1": "resonance"}
@@ -146,10 +147,19 @@ class MeasuredBackbone:
             )
         force = np.array(self.force_n, dtype=np.float64)
         moved = self.amplitude[:, self.sensors.index(self.drive)]
-        if force.shape != self.frequency_hz.shape or not (np.isfinite(force) & (force > 0)).all() or not moved.all():
+        if force.shape != self.frequency_hz.shape:
             raise InputError(
                 f"backbone {self.name!r} has a force of shape {force.shape} for {self.frequency_hz.size} points: give "
-                "one positive number for each, and a drive point that moves"
+                "one number for each"
+            )
+        if not (np.isfinite(force) & (force > 0)).all():
+            raise InputError(
+                f"the force of backbone {self.name!r} is {force.min():.3g} N at one point: give positive amplitudes"
+            )
+        if not moved.all():
+            raise InputError(
+                f"the drive point {self.drive!r} of backbone {self.name!r} does not move at one point: leave that out, "
+                "or name the point where the force acts"
             )
         force.flags.writeable = False
         object.__setattr__(self, "force_n", force)
@@ -370,7 +380,7 @@ def _require_credible(own: dict[str, FloatArray], units: dict[str, str | None]) 
     """Refuse amplitudes whose unit must be wrong: larger than any structure has, or micrometres in mm, cm or inches."""
     largest, sensor = max((float(np.nanmax(np.abs(values), initial=0.0)), name) for name, values in own.items())
     stated = all(units.values())
-    if largest > (1.0 if stated else 0.05):  # m; without a unit millimetres are probable
+    if largest > (LARGEST_M if stated else 0.05):  # without a unit millimetres are probable
         source = "in the stated unit" if stated else "because no unit is stated"
         raise InputError(
             f"the amplitude at sensor {sensor!r} reaches {largest:.3g} m, {source}: name the unit in the header, like "

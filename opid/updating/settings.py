@@ -81,6 +81,7 @@ class UpdatingThresholds:
     # rms error of the force over the amplitude, as a fraction, that calibration and noise do not explain: dampers of
     # another kind miss it by more
     least_force_misfit: float = 0.03
+    most_force_noise: float = 4.0  # rms error of the force over the noise that is stated, above which it is no noise
     # fraction of that growth that a class may leave unexplained where curves are too short to show their noise
     most_unexplained: float = 0.3
     # degrees of freedom with which the expected scatter between curves counts beside the observed one

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, get_args
@@ -41,7 +42,7 @@ class UpdatingSettings:
         n_samples: number of samples of each class, in all chains, of which an eleventh is dropped, as in the paper.
         seed: seed of all random numbers; the same seed gives the same result.
         harmonics: harmonics of the model.
-        n_internal: internal modes that the reduction keeps beside sensors and joints.
+        n_internal: internal modes that the reduction keeps beside sensors and joints; all where there are fewer.
         n_confused: number of sets that are drawn with each class as the truth, to tell how often another class would be
             chosen; none where 0.
         is_joint: whether the factors of the linear stiffness are updated once more with the laws of each class, which
@@ -123,6 +124,14 @@ class UpdatingStudy(UpdatingSettings):
         sets = {name: tuple(factors) for name, factors in self.linear_classes.items()}
         object.__setattr__(self, "linear_classes", MappingProxyType(sets))
         refuse(list(_find_faults(self)), self.source)
+
+    @property
+    def n_kept(self) -> int:
+        """Number of internal modes that the reduction keeps: those that are asked for, or all that there are."""
+        if isinstance(self.structure, JointedModes):
+            return self.n_internal
+        held = {*self.structure.sensors, *chain(*self.structure.joints.values())}
+        return min(self.n_internal, self.structure.n_dof - len(held))
 
     def __repr__(self) -> str:
         backbones = [f"backbone {each.name}: mode {each.mode}" for each in self.backbones]
@@ -219,8 +228,8 @@ def _find_damping_faults(study: UpdatingStudy) -> Iterator[str]:
         if mode not in study.damping:
             yield f"backbones of mode {mode} have a force and it has no damping ratio, name one, or leave 'drive' out"
     for mode, ratio in study.damping.items():
-        high = 1.0 if isinstance(ratio, Prior) else ratio
-        if not 0.0 < high <= 1.0 or (isinstance(ratio, Prior) and not ratio.support[1] > 0.0):
+        middle = float(ratio.from_normal(0.0)[0]) if isinstance(ratio, Prior) else ratio
+        if not 0.0 < middle <= 1.0:
             yield f"the damping ratio of mode {mode} is {ratio}, give a number between 0 and 1, or a prior of one"
 
 

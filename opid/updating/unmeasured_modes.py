@@ -15,7 +15,7 @@ from opid.updating.checks import joint_fault
 from opid.updating.likelihood.backbones import BackboneData
 from opid.updating.likelihood.curves import make_solver
 from opid.updating.likelihood.noise import UNMENDED_GROWTH, draw_linear_errors
-from opid.updating.measured import MeasuredBackbone, by_mode, reached_extensions
+from opid.updating.measured import LARGEST_M, MeasuredBackbone, by_mode, reached_extensions
 from opid.updating.model_class import ModelClass
 from opid.updating.prediction import N_AMPLITUDES, draw_motions, fill_gaps, find_band, to_hz
 from opid.updating.result import BackboneBand, SensorBand
@@ -51,6 +51,8 @@ class PredictionSettings:
             low, high = self.amplitude_m
             if not 0 < low < high < np.inf:
                 raise InputError(f"amplitude_m is {[low, high]}: give a smallest and a largest amplitude, m")
+            if high > LARGEST_M:
+                raise InputError(f"amplitude_m reaches {high:g} m, which no structure moves: give metres")
 
 
 def prediction_faults(

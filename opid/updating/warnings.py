@@ -172,14 +172,14 @@ def warn_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[st
 
 
 def warn_of_force(misfits: Sequence[LackOfFit]) -> Iterator[str]:
-    """Yield at most one sentence, on a misfit to the force of a mode alike in all curves, large and not by chance."""
+    """Yield at most one sentence, on a misfit to the force of a mode that is large and not by chance."""
     rare = [each for each in misfits if each.probability < UPDATING.rare / len(misfits)]
     worst = max(rare, key=lambda each: each.fraction, default=None)
     if worst is not None and worst.fraction > UPDATING.least_force_misfit:
         yield (
             f"with the best parameters the force of mode {worst.mode} is {100 * worst.fraction:.0f} % (rms) off over "
-            "the amplitude, alike in all curves: these dampers do not lose the measured energy, do not use their "
-            "intervals"
+            "the amplitude: these dampers do not lose the measured energy, do not use their intervals; if the force is "
+            "that noisy, state force_noise"
         )
 
 
@@ -218,15 +218,22 @@ def find_force_error(
 def force_misfit(force: ForceData, error: FloatArray, noise: NoiseSettings) -> list[LackOfFit]:
     """Return the misfit to the work of the force over the amplitude of each mode that has one, as a fraction.
 
-    It is judged as `lack_of_fit` does. `error` is that of `find_force_error`.
+    What all curves have alike is judged as `lack_of_fit` does. Few curves cannot tell it from their scatter: there the
+    rms over all points counts that is several times the noise that is stated. `error` is that of `find_force_error`.
     """
     found = []
+    most = max(UPDATING.least_force_misfit, UPDATING.most_force_noise * noise.force_noise)
     for number in np.unique(force.of_mode):
         mine = force.of_mode == number
         every = (force.place["curve"], force.relative_amplitude, force.place["growth"])
         points = CurvePoints(*(each[mine] for each in every))
         judged = _judge_misfit(points, error[mine], 0.0, noise.curve_growth)
-        if judged is not None:
+        of_curve = np.eye(points.curve.max() + 1)[points.curve][:, np.unique(points.curve)]
+        left = error[mine] - of_curve @ ((of_curve.T @ error[mine]) / of_curve.sum(axis=0))
+        rms = float(np.sqrt(np.mean(left**2)))
+        if rms > most:
+            found.append(LackOfFit(int(number), rms, 0.0))
+        elif judged is not None:
             found.append(LackOfFit(int(number), float(np.linalg.norm(judged[0])), judged[1]))
     return found
 

@@ -60,6 +60,7 @@ def force_data(
     curves_of = by_mode(measured)
     n_nodes = [mode.between.shape[1] for mode in modes]
     values, between, curve, growth, of_mode, relative = [], [], [], [], [], []
+    floors: list[FloatArray] = []
     n_curves, column = 0, 0
     for mode, width in zip(modes, n_nodes, strict=True):
         driven = [index for index, one in enumerate(curves_of[mode.mode]) if one.force_n is not None]
@@ -73,6 +74,7 @@ def force_data(
         growth.append(mode.growth[kept])
         of_mode.append(np.full(int(kept.sum()), mode.mode))
         relative.append(mode.relative_amplitude[kept])
+        floors.append(_find_floor(own, len(floors), len(modes)))
         n_curves, column = n_curves + len(driven), column + width
     if not n_curves:
         raise InputError("no backbone has a force: name the drive point of those that have a column of it")
@@ -81,11 +83,13 @@ def force_data(
     n_modes = int(numbers[-1]) + 1
     common_std = float(np.hypot(noise.force_error, noise.energy_error / np.sqrt(n_modes)))
     contrasts = np.linalg.qr(np.column_stack([np.ones(n_modes), np.eye(n_modes)[:, 1:]]))[0][:, 1:]
+    floor = np.concatenate(floors)
+    floor = floor[:, floor.any(axis=0)]
     place = {
         "between": np.concatenate(between),
         "curve": np.concatenate(curve),
         "growth": np.concatenate(growth),
-        "patterns": contrasts[numbers] * noise.energy_error / common_std,
+        "patterns": np.column_stack([noise.energy_error * contrasts[numbers], noise.force_floor * floor]) / common_std,
         "common_std": common_std,
     }
     found = np.log(np.concatenate(values))
@@ -113,6 +117,14 @@ def find_stiffness(one: MeasuredBackbone, sensor: str) -> FloatArray:
     assert one.force_n is not None
     drive, own = (one.amplitude[:, one.sensors.index(name)] for name in (one.drive, sensor))
     return np.asarray(one.force_n * np.abs(drive) / own**2)
+
+
+def _find_floor(driven: Sequence[MeasuredBackbone], number: int, n_modes: int) -> FloatArray:
+    """Return the largest force of a mode over that at each point, (n_points, n_modes), in the column of the mode."""
+    force = np.concatenate([np.empty(0), *(one.force_n for one in driven if one.force_n is not None)])
+    floor = np.zeros((force.size, n_modes))
+    floor[:, number] = force.max(initial=0.0) / force
+    return floor
 
 
 def _make_noise(values: FloatArray, place: Mapping[str, Any], noise: NoiseSettings) -> CurveNoise:

@@ -56,6 +56,8 @@ class NoiseSettings:
             of force and motion.
         energy_error: standard deviation of the relative error of the energy that the model loses in a mode at an
             amplitude, for its shape has an error.
+        force_floor: standard deviation of an error of the force that does not grow with it (hum, cables, friction of
+            the shaker), as a fraction of the largest force of the mode.
         force_noise: expected relative error of the work of the force at a point; it counts as much as one point.
         force_offset: expected relative offset of the work along a curve (a phase that is not that of the mode); the
             actual offset is inferred.
@@ -78,6 +80,7 @@ class NoiseSettings:
     shapes: bool = True
     force_error: float = 0.02
     energy_error: float = 0.01
+    force_floor: float = 0.002
     force_noise: float = 0.005
     force_offset: float = 0.01
 
