@@ -149,7 +149,7 @@ from opid.cli.group import progress
 from opid.progress import Step
 with progress(quiet="quiet" in sys.argv) as say:
     say("law search")
-    time.sleep(2.3)
+    time.sleep(3.6)
     for part in (0.0, 0.25, 0.5):
         say(Step("class 1", part))
         time.sleep(0.6)
@@ -177,15 +177,17 @@ def test_a_step_is_drawn_with_its_time_every_second_and_with_a_bar_where_it_is_c
     assert end == "done"
     assert shown.count("\n") == 1  # The line of progress is drawn over and leaves nothing.
     seconds = [*dict.fromkeys(line for line in lines if line.endswith("law search"))]
-    # A busy machine may leave out the second in between.
-    assert [line for line in seconds if line != "00:01 law search"] == ["00:00 law search", "00:02 law search"]
+    # A busy machine draws fewer seconds, and later ones.
+    assert seconds == sorted(seconds)
+    assert seconds[0] == "00:00 law search"
+    assert re.fullmatch(r"00:0[1-9] law search", seconds[-1])
     bars = [line for line in lines if "class 1" in line]
     assert re.fullmatch(r"00:00   0%\| {20}\| \? left: class 1", bars[0])
-    assert re.fullmatch(r"00:01  50%\|█{10} {10}\| 00:0[12] left: class 1", bars[-1])
+    assert re.fullmatch(r"00:0[1-9]  50%\|█{10} {10}\| 00:0\d left: class 1", bars[-1])
     # What was done before the first word of it says nothing about the time that is left.
     other = [line for line in lines if "class 2" in line]
     assert re.fullmatch(r"00:00  25%\|█{5} {15}\| \S+ left: class 2", other[0])
-    assert re.fullmatch(r"00:01  50%\|█{10} {10}\| 00:0[23] left: class 2", other[-1])
+    assert re.fullmatch(r"00:0[1-9]  50%\|█{10} {10}\| 00:0[1-9] left: class 2", other[-1])
     assert "00:00 model [/red] {elapsed}" in lines
     longest = next(line for line in lines if "long name" in line)
     assert f"00:00 {LONG}".startswith(longest)
@@ -195,7 +197,7 @@ def test_a_step_is_drawn_with_its_time_every_second_and_with_a_bar_where_it_is_c
 def test_tests_of_a_series_share_one_bar():
     shown, _ = run_on_terminal("-c", SERIES)
     last = next(line for line in lines_drawn(shown) if "test 3" in line)
-    assert re.fullmatch(r"00:01  67%\|█{13}\S? +\| 00:00 left: test 3", last)
+    assert re.fullmatch(r"00:0[1-9]  67%\|█{13}\S? +\| 00:0\d left: test 3", last)
 
 
 def test_no_step_is_drawn_where_nobody_looks():
