@@ -5,11 +5,14 @@ from functools import cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from opid.mechanics.response import time_response
+from opid.mechanics.structure import Joint, Structure, iwan
 from opid.modal.linear.modes import LinearModes, modal_test
 from opid.signals.recording import recording_from_arrays
 
 SENSED_FS, SENSED_OMEGA, SENSED_LEVEL = 1024.0, 2.0 * np.pi * 40.0, 1e-3
 SENSED_K3 = 0.08 * SENSED_OMEGA**2 / SENSED_LEVEL**2
+RUNG_FS, RUNG_OMEGA, RUNG_LEVEL, RUNG_S = 2048.0, 2.0 * np.pi * 60.0, 1e-3, 3.0
 
 
 def decay_with_friction(*, fs, duration_s, k0, c0, friction, amplitude):
@@ -80,3 +83,62 @@ def two_close_modes(seed, *, apart_hz=0.1, noise=0.003, fs=1024.0):
     signal += 0.7 * np.exp(-0.0035 * second * time) * np.cos(second * time + rng.uniform(0, 2 * np.pi))
     whole = np.concatenate([np.zeros(500), signal])
     return whole + noise * whole.std() * rng.standard_normal(whole.size)
+
+
+def ring_with_state(kind, force, travel, *, c0, exponent=2.0):
+    """Return the acceleration of a mode whose joint carries force h, where travel h' is a function of h and q'.
+
+    With the joint the mode has the stiffness RUNG_OMEGA^2 at rest, and it begins with RUNG_OMEGA RUNG_LEVEL.
+
+    Args:
+        kind: "dahl" or "bouc_wen", which has the shape 1/2.
+        force: largest force of the joint per unit mass.
+        travel: its force over its stiffness at rest.
+        c0: viscous damping per unit mass.
+        exponent: that of Bouc and Wen.
+    """
+    time = np.arange(round(RUNG_S * RUNG_FS)) / RUNG_FS
+    beside = RUNG_OMEGA**2 - force / travel
+
+    def rate(h, v):
+        if kind == "dahl":
+            return v - abs(v) * h
+        return v * (1.0 - abs(h) ** exponent * (0.5 + 0.5 * np.sign(v * h)))
+
+    def move(_, y):
+        return [y[1], -c0 * y[1] - beside * y[0] - force * y[2], rate(y[2], y[1]) / travel]
+
+    start, small = [0.0, RUNG_OMEGA * RUNG_LEVEL, 0.0], np.array([1e-12, 1e-10, 1e-9])
+    found = solve_ivp(move, (0.0, time[-1]), start, "LSODA", time, rtol=1e-8, atol=small, max_step=1.0 / RUNG_FS)
+    return -c0 * found.y[1] - beside * found.y[0] - force * found.y[2]
+
+
+def ring_with_sliders(sliders, *, c0):
+    """Return the acceleration of such a mode whose joint is sliders side by side."""
+    beside = RUNG_OMEGA**2 - sliders.tangent_n_per_m
+    structure = Structure([[1.0]], [[c0]], [[beside]], (Joint("bolt", np.array([1.0]), sliders=sliders),))
+    found = time_response(
+        structure,
+        lambda t: np.zeros((t.size, 1)),
+        fs=RUNG_FS,
+        duration_s=RUNG_S,
+        initial_velocity=[RUNG_OMEGA * RUNG_LEVEL],
+        steps_per_sample=8,
+    )
+    return found.acceleration[:, 0]
+
+
+def bolt(force, stiffness, chi, beta):
+    """Return the sliders of an Iwan joint that slides as a whole, per unit mass."""
+    return iwan(stiffness_n_per_m=stiffness, slip_force_n=force, chi=chi, beta=beta, n=80)
+
+
+def bolt_values(force, stiffness, chi, beta):
+    """Return the values that `iwan_friction` has for such a bolt.
+
+    The force of the sliders that slip one by one is (chi + 1) / (chi + 2) of that of all at the last travel, and that
+    of those that slip there at once is beta.
+    """
+    gradual = (chi + 1.0) / (chi + 2.0)
+    travel = force * (1.0 + beta) / (stiffness * (beta + gradual))
+    return {"amplitude": force, "scale": travel, "spread": 1.0 / (chi + 2.0), "jump": beta / gradual}

@@ -4,14 +4,23 @@ from functools import cache
 
 import numpy as np
 import pytest
-from made_decays import decay_with_friction, noisy_after_rest
+from made_decays import (
+    RUNG_FS,
+    RUNG_LEVEL,
+    RUNG_OMEGA,
+    bolt,
+    bolt_values,
+    decay_with_friction,
+    noisy_after_rest,
+    ring_with_sliders,
+    ring_with_state,
+)
 from scipy.integrate import solve_ivp
 
 from opid.errors import InputError
 from opid.mechanics.laws.law import Law, Term
 from opid.mechanics.memory import find_steady_loop, force_along, sine_like
-from opid.mechanics.response import time_response
-from opid.mechanics.structure import Joint, Sliders, Structure, force_of, iwan
+from opid.mechanics.structure import Sliders, force_of
 from opid.modal.decay.free_decay import free_decay, law_of_decays
 from opid.modal.decay.slow_flow import solve_slow_flow
 from opid.modal.joint_terms import JointTerms, find_joint_curves, find_rest_stiffness
@@ -19,50 +28,15 @@ from opid.modal.linear.modes import LinearModes
 from opid.modal.model import NonlinearModalModel, modal_response
 from opid.report import writing
 
-FS, OMEGA, LEVEL = 2048.0, 2.0 * np.pi * 60.0, 1e-3
+FS, OMEGA, LEVEL = RUNG_FS, RUNG_OMEGA, RUNG_LEVEL
 K0, C0 = OMEGA**2, 0.006 * OMEGA
 FORCE, TRAVEL = 0.02 * K0 * LEVEL, 0.2 * LEVEL
 DURATION_S = 3.0
-
-
-def ring_with_state(rate):
-    """The acceleration of a mode whose joint carries FORCE h, where TRAVEL h' is a function of h and q'."""
-    time = np.arange(round(DURATION_S * FS)) / FS
-    beside = K0 - FORCE / TRAVEL
-
-    def move(_, y):
-        return [y[1], -C0 * y[1] - beside * y[0] - FORCE * y[2], rate(y[2], y[1]) / TRAVEL]
-
-    start, small = [0.0, OMEGA * LEVEL, 0.0], np.array([1e-12, 1e-10, 1e-9])
-    found = solve_ivp(move, (0.0, time[-1]), start, "LSODA", time, rtol=1e-8, atol=small, max_step=1.0 / FS)
-    return -C0 * found.y[1] - beside * found.y[0] - FORCE * found.y[2]
-
-
-def ring_with_sliders(sliders):
-    beside = K0 - sliders.tangent_n_per_m
-    structure = Structure([[1.0]], [[C0]], [[beside]], (Joint("bolt", np.array([1.0]), sliders=sliders),))
-    ring = time_response(
-        structure,
-        lambda t: np.zeros((t.size, 1)),
-        fs=FS,
-        duration_s=DURATION_S,
-        initial_velocity=[OMEGA * LEVEL],
-        steps_per_sample=8,
-    )
-    return ring.acceleration[:, 0]
-
-
-BOLT = iwan(stiffness_n_per_m=0.1 * K0, slip_force_n=FORCE, chi=-0.3, beta=0.5, n=80)
-# Of iwan(): the force of the sliders that slip one by one is (chi + 1) / (chi + 2) of that of all at the last travel,
-# and that of those that slip there at once is beta.
-GRADUAL = 0.7 / 1.7
-BOLT_TRAVEL = FORCE * 1.5 / (0.1 * K0 * (0.5 + GRADUAL))
+BOLT = bolt(FORCE, 0.1 * K0, -0.3, 0.5)
+# Values of the joint in each world, and those that its kind holds.
 WORLDS = {
     "jenkins": ("iwan_friction", {"amplitude": FORCE, "scale": TRAVEL}),
-    "iwan": (
-        "iwan_friction",
-        {"amplitude": FORCE, "scale": BOLT_TRAVEL, "spread": 1.0 / 1.7, "jump": 0.5 / GRADUAL},
-    ),
+    "iwan": ("iwan_friction", bolt_values(FORCE, 0.1 * K0, -0.3, 0.5)),
     "dahl": ("dahl_friction", {"amplitude": FORCE, "scale": TRAVEL}),
     "bouc_wen": ("bouc_wen", {"amplitude": FORCE, "scale": TRAVEL, "exponent": 2.0}),
 }
@@ -72,12 +46,10 @@ HELD = {"jenkins": (0.5, np.inf), "bouc_wen": (0.5,)}
 @cache
 def ring(world):
     if world == "jenkins":
-        return ring_with_sliders(Sliders([FORCE / TRAVEL], [FORCE]))
+        return ring_with_sliders(Sliders([FORCE / TRAVEL], [FORCE]), c0=C0)
     if world == "iwan":
-        return ring_with_sliders(BOLT)
-    if world == "dahl":
-        return ring_with_state(lambda h, v: v - abs(v) * h)
-    return ring_with_state(lambda h, v: v * (1.0 - h * h * (0.5 + 0.5 * np.sign(v * h))))
+        return ring_with_sliders(BOLT, c0=C0)
+    return ring_with_state(world, FORCE, TRAVEL, c0=C0)
 
 
 def follow(signal, memory, seed=0, noise=0.01, **choices):
@@ -109,7 +81,7 @@ def test_the_loop_of_bouc_wen_is_that_of_its_state_equation(exponent, amplitude)
 def test_an_iwan_joint_is_that_of_its_sliders(over):
     values = tuple(WORLDS["iwan"][1].values())
     angle = 2.0 * np.pi * np.arange(4001) / 2000
-    amplitude = over * BOLT_TRAVEL
+    amplitude = over * WORLDS["iwan"][1]["scale"]
     force = force_of(BOLT, amplitude * np.sin(angle))[0][-2000:]
     softening, damping = find_joint_curves("iwan_friction", values, np.array([amplitude]))
     in_phase, quadrature = (2.0 * np.mean(force * shape(angle[-2000:])) / amplitude for shape in (np.sin, np.cos))
@@ -189,22 +161,10 @@ def test_a_joint_is_found_where_powers_friction_and_slip_miss_the_decay(world):
     assert any("do not explain the decay, but" in each for each in law.warnings)
 
 
-def ring_with_more_damping():
-    """One slider with a spring beside a damping ratio of 1 %, whose corner the windows round off."""
-    structure = Structure(
-        [[1.0]], [[0.02 * OMEGA]], [[K0 - FORCE / TRAVEL]],
-        (Joint("bolt", np.array([1.0]), sliders=Sliders([FORCE / TRAVEL], [FORCE])),),
-    )  # fmt: skip
-    found = time_response(
-        structure, lambda t: np.zeros((t.size, 1)), fs=FS, duration_s=DURATION_S, initial_velocity=[OMEGA * LEVEL],
-        steps_per_sample=8,
-    )  # fmt: skip
-    return found.acceleration[:, 0]
-
-
 @pytest.mark.parametrize("seed", range(1, 4))
 def test_a_slider_is_found_by_its_name_and_never_told_by_an_exponent(seed):
-    signal = ring_with_more_damping()
+    # Beside a damping ratio of 1 % the windows round its corner off.
+    signal = ring_with_sliders(Sliders([FORCE / TRAVEL], [FORCE]), c0=0.02 * OMEGA)
     named = follow(signal, "iwan_friction", seed).fitted
     assert named.joint_values[0].holds(FORCE)
     assert named.joint_values[1].holds(TRAVEL)
@@ -235,8 +195,7 @@ def test_a_motion_that_no_structure_has_is_told():
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_joint_that_never_slides_as_a_whole_tells_no_largest_force(seed):
-    bolt = iwan(stiffness_n_per_m=0.1 * K0, slip_force_n=7.5 * FORCE, chi=-0.3, beta=0.5, n=80)
-    signal = ring_with_sliders(bolt)
+    signal = ring_with_sliders(bolt(7.5 * FORCE, 0.1 * K0, -0.3, 0.5), c0=C0)
     decay = follow(signal, "iwan_friction", seed)
     assert decay.fitted is None
     assert any("does not determine iwan_friction" in each for each in decay.warnings)
