@@ -101,7 +101,8 @@ class JointKind:
         """Whether all values stand out of their standard deviations, and the largest motion, 1, makes all slide."""
         if self.is_slip:
             return bool(values[0] > MODAL.joint_sigma * std[0] and std[1] < MODAL.widest_exponent)
-        stands_out = values > MODAL.joint_sigma * std
+        # A jump may be none.
+        stands_out = (values > MODAL.joint_sigma * std)[: 3 if self.has_jump else None]
         has_spread = self.name == IWAN and self.n_fitted > 2
         # The exponent of the slip is 1 / spread - 2.
         knows_spread = not has_spread or std[2] < MODAL.widest_exponent * values[2] ** 2

@@ -128,9 +128,6 @@ class ModalThresholds:
     smallest_signal: float = 5.0  # amplitude over its standard deviation at which the decay has reached the noise
     longest_decay: float = 3.0  # largest decay of the log-amplitude in a window that has to separate neighbours
     most_neighbours: int = 6  # frequencies beside the mode that are searched
-    # cycles by which a frequency that glides and one that stays may part in the first window: with more, no window
-    # follows the one that stays
-    most_glide: float = 0.25
     glide_gain: float = 0.5  # fraction of the residual that a frequency which glides must leave, to be preferred
     # highest neighbour over the frequency of the mode: the taper of the windows suppresses those beyond
     highest_neighbour: float = 10.0

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -29,7 +30,7 @@ def describe_law(problem: DecayProblem, fitted: FittedForms) -> DecayLaw:
     curves = _find_law_curves(problem, fitted)
     low, spread = best.find_low()
     few = _widen_few_windows(sum(each.log_amplitude.size for each in problem.decays), best.form.size)
-    of_joint = _find_joint_error(best, curves, lowest)
+    of_joint = np.hypot(_find_joint_error(best, curves, lowest), few * _find_choice_error(fitted))
     k0_error, c0_error = of_joint[list(best.places)]
     curves = _widen_curves(best, curves)
     low_error = np.array([k0_error, c0_error, 0.5 * k0_error / low[2], 0.5 * c0_error / low[2]])
@@ -229,7 +230,7 @@ def _estimate_coefficients(
     if best.form.has_friction:
         rest.pop(0)
         # The gain of the amplitude changes friction by as much.
-        spread = np.hypot(few * _widen_friction(fitted.fits), gain_std * best.vector[n_k + n_c])
+        spread = np.hypot(few * _widen_value(fitted.fits, _take_friction), gain_std * best.vector[n_k + n_c])
         friction = Estimate.normal(values[n_k + n_c], spread * factors[n_k + n_c])
     if fitted.is_doubted and best.form.memory is not None and not best.form.memory.is_slip:
         # A named joint stays in the law where laws without it explain the decay better.
@@ -258,16 +259,43 @@ def _widen_few_windows(n_windows: int, n_coefficients: int) -> float:
     return float(special.stdtrit(max(2 * n_windows - n_coefficients - 2, 1), 0.975)) / 1.96
 
 
-def _widen_friction(fits: Sequence[tuple[FormFit, float]]) -> float:
-    """Return the standard deviation of friction about that of the best fit, over all forms that have friction."""
-    best = fits[0][0].form.split(fits[0][0].vector)[2].friction
-    total = weights = 0.0
-    for fit, weight in fits:
-        if fit.form.has_friction:
-            place = fit.form.stiffness_order + fit.form.damping_order
-            total += weight * (fit.whole_covariance[place, place] + (fit.vector[place] - best) ** 2)
-            weights += weight
+def _widen_value(fits: Sequence[tuple[FormFit, float]], find_place: Callable[[LawForm], int | None]) -> float:
+    """Return the standard deviation of a value about that of the best fit, over all forms that have it.
+
+    `find_place` returns the index of the value in the vector of a form, None where the form lacks it.
+    """
+    best, total, weights = 0.0, 0.0, 0.0
+    for index, (fit, weight) in enumerate(fits):
+        place = find_place(fit.form)
+        if place is None:
+            continue
+        best = float(fit.vector[place]) if index == 0 else best
+        total += weight * (fit.whole_covariance[place, place] + (fit.vector[place] - best) ** 2)
+        weights += weight
     return float(np.sqrt(total / weights))
+
+
+def _find_choice_error(fitted: FittedForms) -> FloatArray:
+    """Return how far other kinds of the same joint put the values of a named one, (p,), beyond their own variances."""
+    best = fitted.best
+    errors, memory = np.zeros(best.vector.size), best.form.memory
+    if memory is None or memory.is_slip:
+        return errors
+    for number in range(best.form.n_memory):
+        find_place = partial(_take_joint_value, memory.name, number)
+        place = best.form.size - best.form.n_memory + number
+        more = _widen_value(fitted.fits, find_place) ** 2 - best.whole_covariance[place, place]
+        errors[place] = np.sqrt(max(more, 0.0))
+    return errors
+
+
+def _take_friction(form: LawForm) -> int | None:
+    return form.stiffness_order + form.damping_order if form.has_friction else None
+
+
+def _take_joint_value(name: str, number: int, form: LawForm) -> int | None:
+    has_it = form.memory is not None and form.memory.name == name and number < form.n_memory
+    return form.size - form.n_memory + number if has_it else None
 
 
 def _estimate(value: float, std: float, repeats: int) -> Estimate:

@@ -10,6 +10,7 @@ Several forms of the law are fitted; the values at zero amplitude contain the ch
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,7 @@ from opid.modal.decay.scaled_track import FitUnits, ScaledTrack
 from opid.modal.decay.slow_flow import CloseModes, fit_close_modes
 from opid.modal.decay.track import Track
 from opid.modal.forced.restoring_fit import find_jackknife
-from opid.modal.joint_terms import JOINT_KINDS, JointKind
+from opid.modal.joint_terms import JOINT_KINDS, read_memory
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
@@ -191,17 +192,12 @@ def _fit_named_joint(problem: DecayProblem, friction: bool | None, memory: str) 
 def _fit_joint(problem: DecayProblem, friction: bool, memory: str) -> list[FormFit]:
     """Return the forms with a named joint that the decays determine, without powers that are not asked for."""
     alone = replace(problem, stiffness_order=problem.stiffness_order or 1, damping_order=problem.damping_order or 1)
-    # Where no form of the likeliest kinds is determined, each kind is tried by itself: it may then explain all.
-    tried: list[str | JointKind] = [memory, *JOINT_KINDS.get(memory, ())]
-    for several in tried:
-        try:
-            found = try_forms(alone, alone.search_forms(friction, several)).fits
-        except NotDeterminedError:
-            continue
-        kept = [fit for fit in found if several == memory or not problem.find_unexplained(fit)]
-        if kept:
-            return kept
-    return []
+    found: list[FormFit] = []
+    # Each kind is tried by itself, for the harmonic linearisation ranks kinds of one name badly.
+    for kind in read_memory(memory):
+        with suppress(NotDeterminedError):
+            found += try_forms(alone, alone.search_forms(friction, kind)).fits
+    return found
 
 
 def _prefer_joint(problem: DecayProblem, fitted: FittedForms) -> FittedForms:

@@ -110,14 +110,12 @@ def _follow_best(part: FloatArray, stretch: Stretch, fs: float) -> _Followed:
         found = _follow(part, stretch, steady, none, fs)
     except NotDeterminedError as why:
         failed = why
-    first = _choose_length(part.size, gliding, 0, none, fs)
-    if np.ptp(gliding.phase[:first] - steady.phase[:first]) > 2.0 * np.pi * MODAL.most_glide:
-        most = MODAL.most_residual if found is None else MODAL.glide_gain * _find_unexplained(part, found[0])
-        try:
-            glided = _follow(part, stretch, gliding, none, fs)
-            found = glided if _find_unexplained(part, glided[0]) < most else found
-        except NotDeterminedError as why:
-            failed = failed or why
+    most = MODAL.most_residual if found is None else MODAL.glide_gain * _find_unexplained(part, found[0])
+    try:
+        glided = _follow(part, stretch, gliding, none, fs)
+        found = glided if _find_unexplained(part, glided[0]) < most else found
+    except NotDeterminedError as why:
+        failed = failed or why
     if found is not None:
         return found
     # A strong neighbour may spoil the first rounds, so those in the spectrum are now fitted from the beginning.
@@ -200,10 +198,8 @@ def _follow(part: FloatArray, stretch: Stretch, reference: _Reference, neighbour
         more = np.append(neighbours, found)
         renewed = _renew_reference(fit_early(reference, more), reference, fs)
         refitted = fit_early(renewed, more)
-        swept = reference.omega[:n_sure] / (2.0 * np.pi)
-        # Beside a mode whose frequency moves as far, a line that explains nothing is what the fit left of the mode.
-        is_near = float(np.abs(swept - found).min()) < float(np.ptp(swept))
-        if is_near and _find_unexplained(part, refitted) > _find_unexplained(part, windows):
+        # A line that explains nothing is what the fit left of a mode whose frequency moves.
+        if _find_unexplained(part, refitted) > _find_unexplained(part, windows):
             own.append(found)
         else:
             neighbours, reference, windows = more, renewed, refitted
