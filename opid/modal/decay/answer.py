@@ -264,15 +264,14 @@ def _widen_value(fits: Sequence[tuple[FormFit, float]], find_place: Callable[[La
 
     `find_place` returns the index of the value in the vector of a form, None where the form lacks it.
     """
-    best, total, weights = 0.0, 0.0, 0.0
-    for index, (fit, weight) in enumerate(fits):
+    best, weights, squares = float(fits[0][0].vector[find_place(fits[0][0].form)]), [], []
+    for fit, weight in fits:
         place = find_place(fit.form)
-        if place is None:
-            continue
-        best = float(fit.vector[place]) if index == 0 else best
-        total += weight * (fit.whole_covariance[place, place] + (fit.vector[place] - best) ** 2)
-        weights += weight
-    return float(np.sqrt(total / weights))
+        if place is not None:
+            squares.append(fit.whole_covariance[place, place] + (fit.vector[place] - best) ** 2)
+            weights.append(weight)
+    # A law that is asked for may have no weight beside others that explain the decay far better.
+    return float(np.sqrt(np.average(squares, weights=weights) if sum(weights) > 0.0 else squares[0]))
 
 
 def _find_choice_error(fitted: FittedForms) -> FloatArray:

@@ -25,7 +25,7 @@ from opid.modal.decay.scaled_track import FitUnits, ScaledTrack
 from opid.modal.decay.slow_flow import CloseModes, fit_close_modes
 from opid.modal.decay.track import Track
 from opid.modal.forced.restoring_fit import find_jackknife
-from opid.modal.joint_terms import JOINT_KINDS, read_memory
+from opid.modal.joint_terms import JOINT_KINDS, JointKind, read_memory
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
@@ -193,10 +193,14 @@ def _fit_joint(problem: DecayProblem, friction: bool, memory: str) -> list[FormF
     """Return the forms with a named joint that the decays determine, without powers that are not asked for."""
     alone = replace(problem, stiffness_order=problem.stiffness_order or 1, damping_order=problem.damping_order or 1)
     found: list[FormFit] = []
-    # Each kind is tried by itself, for the harmonic linearisation ranks kinds of one name badly.
+    ranked: set[JointKind | None] = set()
+    with suppress(NotDeterminedError):
+        ranked |= {form.memory for form, _ in alone.search_forms(friction, memory)}
+    # Each kind is tried by itself, for one that the harmonic linearisation ranks low may explain all.
     for kind in read_memory(memory):
         with suppress(NotDeterminedError):
-            found += try_forms(alone, alone.search_forms(friction, kind)).fits
+            fits = try_forms(alone, alone.search_forms(friction, kind)).fits
+            found += [fit for fit in fits if kind in ranked or not problem.find_unexplained(fit)]
     return found
 
 
@@ -206,6 +210,8 @@ def _prefer_joint(problem: DecayProblem, fitted: FittedForms) -> FittedForms:
         return fitted
     tried = [fit for name in JOINT_KINDS for fit in _fit_joint(problem, False, name)]
     found = [fit for fit in tried if not (problem.find_unexplained(fit) or fit.is_at_edge or fit.is_active)]
+    # A joint that yields sharply is hardly told from one slider, which is the simpler one.
+    found = [fit for fit in found if not fit.form.is_sharp(fit.vector)] or found
     behind = problem.score([*found, *(fit for fit, _ in fitted.fits)])
     gain = float(behind[len(found) :].min() - behind[: len(found)].min(initial=np.inf))
     if gain <= MODAL.decisive:
