@@ -56,7 +56,7 @@ def ring_with_joint(world: str, rng: np.random.Generator) -> tuple[np.ndarray, d
     if world == "jenkins":
         return ring_with_sliders(Sliders([force / travel], [force]), c0=c0), truth, c0
     if world == "iwan":
-        chi, beta = rng.uniform(-0.6, 0.2), rng.uniform(0.2, 1.0)
+        chi, beta = rng.uniform(-0.6, 0.0), rng.uniform(0.2, 1.0)
         stiffness = force / travel * (1.0 + beta) / (beta + (chi + 1.0) / (chi + 2.0))
         values = force, stiffness, chi, beta
         return ring_with_sliders(bolt(*values), c0=c0), bolt_values(*values), c0
