@@ -189,7 +189,7 @@ BAD = [
     ({"joints": np.array([["a", "2 UX", "5 UX"], ["a", "1 UX", "5 UX"]])}, "two joints are called 'a'"),
     ({"dofs": np.array(DOFS[:5])}, "names 5 degrees of freedom, the matrices have 6"),
     ({"dofs": np.array([*DOFS[:5], "1 UX"])}, "called '1 UX'"),
-    ({"dofs": np.array(DOFS, dtype=object)}, "holds pickled objects, which opid never opens"),
+    ({"dofs": np.array(DOFS, dtype=object)}, "'dofs' of it holds Python objects, which are never read"),
     ({"part_E": None, "part_E_indptr": np.arange(7)}, "the sparse matrix 'part_E' lacks part_E_data"),
     (
         {"mass": None, "mass_data": np.ones(6), "mass_indices": np.full(6, 9), "mass_indptr": np.arange(7)},
@@ -246,7 +246,7 @@ def test_bad_files_are_told(tmp_path):
     (tmp_path / "m.xls").write_text("1")
     for source, message in [
         (tmp_path / "none.npz", "there is no file"),
-        (tmp_path / "cut.npz", "cannot be read"),
+        (tmp_path / "cut.npz", "no valid .npz file"),
         (tmp_path / "text.mat", "cannot be read"),
         (tmp_path / "new.mat", "version 7.3: save it with '-v7'"),
         (tmp_path / "m.mtx", "holds one matrix: give a file for each"),

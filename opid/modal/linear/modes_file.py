@@ -6,7 +6,6 @@ import csv
 import io
 import math
 import os
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 from opid.errors import InputError, meant_by, nearest, require
 from opid.modal.linear.modes import ACCELERATION, LinearModes
 from opid.modal.settings import MODAL
+from opid.signals.archives import read_archive
 from opid.signals.files import read_table_text, write_whole
 from opid.signals.recording import FloatArray
 
@@ -133,21 +133,8 @@ def looks_in_percent(modes: LinearModes) -> str:
 
 
 def _read_npz(source: Path) -> LinearModes:
-    try:
-        with source.open("rb") as opened:
-            file = np.load(opened, allow_pickle=False)
-            if not isinstance(file, np.lib.npyio.NpzFile):
-                raise InputError("it holds one array and no names: write the file with numpy.savez")
-            names = _assign_rows(list(file.files), tuple(VARIANTS), "array")
-            arrays = {name: file[own] for name, own in names.items()}
-    except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        if isinstance(error, InputError):
-            raise
-        if "pickle" in str(error):
-            raise InputError(
-                "it holds Python objects, which are not read: give arrays of numbers, and of text for sensors"
-            ) from None
-        raise InputError(f"it is not a valid .npz file ({error}): write it again") from None
+    held = read_archive(source).require_no_pickles()
+    arrays = {name: held[own] for name, own in _assign_rows(list(held), tuple(VARIANTS), "array").items()}
     frequency_hz, damping_ratio, shapes = (_read_numbers(arrays[name], name) for name in (*ROWS, "shapes"))
     return _make_modes(frequency_hz.ravel(), damping_ratio.ravel(), shapes, _read_names(arrays["sensors"]))
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
 
 from opid.errors import InputError
+from opid.signals.archives import read_archive
 from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.named_arrays import groups_of_values, tracks_of
@@ -23,16 +23,11 @@ from opid.signals.units import time_name
 @reader(".npz", name="NumPy", magic=(b"PK\x03\x04",), apart=True)
 def open_npz(path: Path, settings: LogSettings) -> Log:
     """Open a NumPy archive."""
-    pickled: list[str] = []
-    values = {}
-    with np.load(path, allow_pickle=False) as archive:
-        for name in archive.files:
-            try:
-                values[name] = _simplify(archive[name])
-            except ValueError:
-                if not _is_pickled(archive, name):
-                    raise
-                pickled.append(name)
+    try:
+        held = read_archive(path)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    values, pickled = {name: _simplify(array) for name, array in held.arrays.items()}, held.pickled
     signals = [name for name, value in values.items() if np.size(value) > 1 and time_name([name]) is None]
     if pickled and not signals:
         raise InputError(
@@ -44,12 +39,6 @@ def open_npz(path: Path, settings: LogSettings) -> Log:
         raise InputError(f"{path} holds no arrays of numbers: save the signals themselves, `time` or `fs` beside")
     remarks = tuple(f"{name!r} holds Python objects and is not read" for name in pickled)
     return Log(path, "NumPy", tracks, remarks=remarks)
-
-
-def _is_pickled(archive: Any, name: str) -> bool:
-    with archive.zip.open(f"{name}.npy") as file:
-        read_header = npy.read_array_header_1_0 if npy.read_magic(file) == (1, 0) else npy.read_array_header_2_0
-        return bool(read_header(file)[2].hasobject)
 
 
 def _simplify(values: np.ndarray) -> Any:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from opid.errors import InputError, nearest, refuse
+from opid.signals.archives import read_archive, read_array
 from opid.signals.files import write_whole
 from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults, structure_faults
 
@@ -139,7 +140,7 @@ def write_structure(path: Source, structure: AffineStructure) -> None:
     ends = [(name, *own, *[""] * (2 - len(own))) for name, own in structure.joints.items()]
     arrays["joints"] = np.array(ends, dtype=np.str_).reshape(len(ends), 3)
     with write_whole(path, "wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        np.savez_compressed(file, **arrays)
 
 
 def _read_one(path: Path) -> dict[str, Any]:
@@ -163,7 +164,7 @@ def _read_matrix_file(path: Path) -> Any:
         **dict.fromkeys(MARKET, mmread),
         **dict.fromkeys(BOEING, _read_harwell_boeing),
         ".npz": _read_sparse_npz,
-        ".npy": lambda each: np.load(each),
+        ".npy": read_array,
     }
     for ending, read in readers.items():
         if path.name.lower().endswith(ending):
@@ -181,7 +182,6 @@ def _try_to(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
 
 
 def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
-    import zipfile
     import zlib
 
     if not path.is_file():
@@ -190,24 +190,33 @@ def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
         return read(path)
     except NotImplementedError:
         raise InputError(f"{path} is a MATLAB file of version 7.3: save it with '-v7'") from None
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, IndexError) as error:
-        if "allow_pickle" in str(error):
-            raise InputError(
-                f"{path} holds pickled objects, which opid never opens: save names as text, np.array(names, dtype=str)"
-            ) from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zlib.error, IndexError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path} cannot be read ({reason}): export it again") from None
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
-    # The file is opened here, for numpy leaves a damaged file open.
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        return {name: archive[name] for name in archive.files}
+    return read_archive(path).require_no_pickles()
 
 
 def _read_sparse_npz(path: Path) -> Any:
-    with path.open("rb") as file:
-        return sparse.load_npz(file)
+    """Return the matrix that `scipy.sparse.save_npz` wrote."""
+    arrays = _read_npz(path)
+    kind = arrays["format"].item() if "format" in arrays else b""
+    kind = kind.decode() if isinstance(kind, bytes) else kind
+    compressed = {"csr": sparse.csr_matrix, "csc": sparse.csc_matrix, "bsr": sparse.bsr_matrix}
+    shape = tuple(arrays["shape"].tolist())
+    if kind in compressed:
+        matrix = compressed[kind](tuple(arrays[piece] for piece in PIECES), shape=shape)
+        matrix.check_format(full_check=True)
+        return matrix
+    if kind == "coo":
+        return sparse.coo_matrix((arrays["data"], (arrays["row"], arrays["col"])), shape=shape)
+    if kind == "dia":
+        return sparse.dia_matrix((arrays["data"], arrays["offsets"]), shape=shape)
+    raise InputError("it holds no sparse matrix: write it with scipy.sparse.save_npz")
 
 
 def _read_harwell_boeing(path: Path) -> Any:
