@@ -13,8 +13,8 @@ from scipy import sparse
 
 from opid.errors import InputError
 from opid.modal.linear.modes_file import read_modes
-from opid.signals.archives import read_archive, read_array
 from opid.signals.logs import open_log
+from opid.signals.logs.archives import read_archive, read_array
 from opid.updating.structure.matrices_file import read_structure
 
 ARRAYS = {"mass": np.eye(3), "stiffness": 9.0 * np.eye(3), "names": np.array(["a", "b", "c"])}
@@ -82,7 +82,7 @@ def test_an_encrypted_member_is_told(tmp_path):
 
 
 def test_what_the_memory_of_the_machine_does_not_hold_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("opid.signals.archives.MEMORY_FRACTION", 1e-9)
+    monkeypatch.setattr("opid.signals.logs.archives.MEMORY_FRACTION", 1e-9)
     (tmp_path / "large.npz").write_bytes(SOUND)
     with pytest.raises(InputError, match="its arrays would take"):
         read_archive(tmp_path / "large.npz")

@@ -14,8 +14,8 @@ import numpy as np
 from opid.errors import InputError, meant_by, nearest, require
 from opid.modal.linear.modes import ACCELERATION, LinearModes
 from opid.modal.settings import MODAL
-from opid.signals.archives import read_archive
 from opid.signals.files import read_table_text, write_whole
+from opid.signals.logs.archives import read_archive
 from opid.signals.recording import FloatArray
 
 VARIANTS = {

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from opid.errors import InputError
-from opid.signals.archives import read_archive
 from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
+from opid.signals.logs.archives import read_archive
 from opid.signals.logs.named_arrays import groups_of_values, tracks_of
 from opid.signals.units import time_name
 

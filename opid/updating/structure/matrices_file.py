@@ -15,8 +15,8 @@ import numpy as np
 from scipy import sparse
 
 from opid.errors import InputError, nearest, refuse
-from opid.signals.archives import read_archive, read_array
 from opid.signals.files import write_whole
+from opid.signals.logs.archives import read_archive, read_array
 from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults, structure_faults
 
 Source = str | os.PathLike[str]
