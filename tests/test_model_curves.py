@@ -11,14 +11,13 @@ from opid.json_values import plain
 from opid.mechanics.backbones.family import family_evaluator
 from opid.updating import prediction, warnings
 from opid.updating.likelihood import curves
-from opid.updating.likelihood.backbones import backbone_data
+from opid.updating.likelihood.backbones import backbone_data, find_met_modes
 from opid.updating.likelihood.curves import (
     describe_failures,
-    describe_interactions,
-    find_met_modes,
     likelihood_function,
     make_curves,
 )
+from opid.updating.likelihood.interactions import describe_interactions
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import PAPER_CLASSES
 from opid.updating.posterior import update_class

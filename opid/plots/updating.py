@@ -116,7 +116,7 @@ def predicted_backbones(
 
     Args:
         bands: the prediction, of all modes and sensors; one panel for each of this mode. A band breaks off where its
-            frequencies are nan.
+            frequencies are nan. The loop of an interaction is drawn as it would be without damping.
         measured: the backbones, of all modes.
         mode: number of the mode, from 1.
         axes: as many Axes as panels, or None for a new figure.
@@ -140,6 +140,11 @@ def predicted_backbones(
                 height, band.low_hz, band.high_hz, color=VERMILION, alpha=0.22, linewidth=0, label="95 % band"
             )
             ax.plot(band.frequency_hz, height, color=VERMILION, label="predicted")
+            if band.loop is not None:
+                ax.plot(
+                    band.loop[1], factor * band.loop[0], color=BLUE, linewidth=0.9, linestyle="--",
+                    label="loop without damping",
+                )  # fmt: skip
             for number, curve in enumerate(curve for curve in curves if band.sensor in curve.sensors):
                 ax.plot(
                     curve.frequency_hz, factor * np.abs(_find_amplitudes(curve, band.sensor)),

@@ -266,7 +266,7 @@ class _Sampling(_derive_settings("sampler", "seed")):  # type: ignore[misc]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Study(_derive_settings("form", "harmonics")):  # type: ignore[misc]
+class _Study(_derive_settings("form", "harmonics", "interaction", "met_damping")):  # type: ignore[misc]
     title: str | None = None
     structure: Annotated[_Structure, BACKBONES.needs["structure"]]
     log: _Log | None = None
@@ -281,6 +281,8 @@ class _Study(_derive_settings("form", "harmonics")):  # type: ignore[misc]
         named = {
             "form": self.form,
             "harmonics": self.harmonics,
+            "interaction": self.interaction,
+            "met_damping": self.met_damping,
             "sampler": self.sampling.sampler,
             "n_samples": self.sampling.samples,
             "n_confused": self.sampling.confused,
@@ -547,6 +549,8 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
             title=study.title,
             form=study.form,
             harmonics=study.harmonics,
+            interaction=study.interaction,
+            met_damping=study.met_damping,
             structure=_Structure(
                 matrices="structure.npz",
                 sensors=tuple(structure.sensors),

@@ -9,8 +9,8 @@ import numpy as np
 
 from opid.updating.likelihood.backbones import BackboneData, ErrorGrowth, draw_curves, with_noise
 from opid.updating.likelihood.curves import make_curves
-from opid.updating.likelihood.error_growth import with_modal_errors
 from opid.updating.likelihood.force import draw_force
+from opid.updating.likelihood.interactions import adapt_to_class
 from opid.updating.posterior import estimate_evidence
 from opid.updating.result import ClassPosterior, Confusion
 from opid.updating.sampling.chains import Progress
@@ -38,7 +38,7 @@ def find_confusion(
     """
     chosen = np.zeros((len(classes), len(classes)))
     for number, true in enumerate(classes):
-        own = with_modal_errors(data, true.model_class, true.best)
+        own = adapt_to_class(data, true.model_class, true.best)
         curves = [make_curves(own, mode, true.model_class) for mode in own.modes]
         for repeat in range(n_sets):
             theta = true.samples[rng.integers(len(true.samples))][np.newaxis]

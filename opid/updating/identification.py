@@ -212,7 +212,7 @@ def _prepare(study: UpdatingStudy, system: JointedModes, growth: Mapping[int, fl
     modes = tuple(mode for each in of_modes for mode in each.modes)
     known = {mode: ratio for mode, ratio in study.damping.items() if not isinstance(ratio, Prior)}
     force = force_data(modes, study.backbones, study.noise, known) if study.damping else None
-    return replace(of_modes[0], modes=modes, noise=study.noise, force=force)
+    return replace(of_modes[0], modes=modes, noise=study.noise, force=force, met_damping=study.met_damping)
 
 
 def _update_classes(
@@ -287,6 +287,8 @@ def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int
         "seed": study.seed,
         "joint": study.is_joint,
         "harmonics": list(study.harmonics),
+        "interaction": study.interaction,
+        "met_damping": study.met_damping,
         "internal_modes": study.n_internal,
         "noise": noise,
         "backbones": [one.name for one in study.backbones],

@@ -11,7 +11,7 @@ from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData
 from opid.updating.likelihood.curves import describe_failures, likelihood_function, slopes_function
-from opid.updating.likelihood.error_growth import with_modal_errors
+from opid.updating.likelihood.interactions import adapt_to_class
 from opid.updating.model_class import ModelClass
 from opid.updating.result import ClassPosterior
 from opid.updating.sampling.chains import (
@@ -96,7 +96,7 @@ def update_class(
         raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
     if sampler == "nuts" and data.form != "recommended":
         raise InputError(f"the likelihood {data.form!r} has no slopes: take another sampler, or the recommended form")
-    data, density, peak, warnings = _find_widened_peak(data, model_class, rng)
+    data, density, peak, warnings = _find_adapted_peak(data, model_class, rng)
     stages = None
     if peak is None or sampler == "transitional" or "transitional" in methods:
         stages = transitional(
@@ -145,20 +145,20 @@ def estimate_evidence(data: BackboneData, model_class: ModelClass, rng: np.rando
         rng: source of chance.
     """
     try:
-        _, _, peak, _ = _find_widened_peak(data, model_class, rng)
+        _, _, peak, _ = _find_adapted_peak(data, model_class, rng)
         return -np.inf if peak is None else laplace(peak, support=[p.support for p in model_class.priors]).log_evidence
     except NotDeterminedError:
         return -np.inf
 
 
-def _find_widened_peak(
+def _find_adapted_peak(
     data: BackboneData, model_class: ModelClass, rng: np.random.Generator
 ) -> tuple[BackboneData, Density, Maximum | None, list[str]]:
-    """Return the data with the errors that the class makes of modal ones, its density, its maximum, and warnings."""
+    """Return the data as the class sees them at its maximum, its density, its maximum, and warnings."""
     density = density_of(data, model_class)
     peak, warnings = _find_peak(density, data, model_class, rng)
-    if peak is not None and (widened := with_modal_errors(data, model_class, peak.theta)) is not data:
-        data, density = widened, density_of(widened, model_class)
+    if peak is not None and (adapted := adapt_to_class(data, model_class, peak.theta)) is not data:
+        data, density = adapted, density_of(adapted, model_class)
         peak, warnings = _find_peak(density, data, model_class, rng)
     return data, density, peak, warnings
 

@@ -11,7 +11,7 @@ from opid.mechanics.backbones.family import BackboneFamily
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, IntArray, ModeData, shape_noise_of, without_curve
 from opid.updating.likelihood.curves import Curves, describe_points, make_curves, make_solver, weigh_as_recommended
-from opid.updating.likelihood.error_growth import with_modal_errors
+from opid.updating.likelihood.interactions import adapt_to_class, find_loop, find_pulled
 from opid.updating.likelihood.noise import draw_errors, draw_linear_errors
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.result import BackboneBand, ClassPosterior, SensorBand
@@ -40,7 +40,7 @@ def predict(
         NotDeterminedError: no mode has a band anywhere.
     """
     theta = posterior.samples[rng.integers(len(posterior.samples), size=UPDATING.n_predicted)]
-    data = with_modal_errors(data, posterior.model_class, posterior.best)
+    data = adapt_to_class(data, posterior.model_class, posterior.best)
     bands = tuple(_make_band(data, mode, posterior, measured, theta, rng) for mode in data.modes)
     if not any(np.isfinite(band.frequency_hz).any() for band in bands):
         every = np.ones(N_AMPLITUDES, dtype=bool)
@@ -66,9 +66,10 @@ def _make_band(
     amplitude = np.linspace(np.abs(held).min(), np.abs(held).max(), N_AMPLITUDES)
     found = make_solver(data, posterior.model_class, mode, sensor, amplitude)(theta)
     growth = fill_gaps(found.eigenvalue, mode.linear) / mode.linear - 1
+    pulled = find_pulled(data, mode, posterior.model_class, posterior.best, amplitude)
     at_nodes = None if mode.frequency_noise is None else make_curves(data, mode, posterior.model_class)(theta)
     errors = _draw_errors(data, mode, at_nodes, found.eigenvalue, growth, rng)
-    band = find_band(to_hz(found.eigenvalue + errors))
+    band = find_band(to_hz(found.eigenvalue + pulled + errors))
     hz = np.concatenate([one.frequency_hz for one in curves])
     sensors: tuple[SensorBand, ...] = ()
     # Draws of their own leave those of the other modes what they are without them.
@@ -79,6 +80,7 @@ def _make_band(
     return BackboneBand(
         mode.mode, sensor, amplitude, band[1], band[0], band[2], _cover(np.abs(held), hz, amplitude, band),
         fractions[0] if fractions else None, _leave_mode_out(data, mode, posterior, own), sensors=sensors,
+        loop=find_loop(data, mode, posterior.model_class, posterior.best, amplitude),
     )  # fmt: skip
 
 
@@ -283,9 +285,8 @@ def _leave_mode_out(
     eigenvalue = at_nodes[_choose(log_weight, rng)] @ mode.between.T
     growth, noise, errors = eigenvalue / mode.linear - 1, data.noise, mode.errors
     patterns = np.stack([np.ones_like(growth), errors.frequency * growth], axis=2)
-    if errors.patterns is not None:
-        further = np.broadcast_to(errors.patterns, (len(growth), *errors.patterns.shape))
-        patterns = np.concatenate([patterns, further], axis=2)
+    further = errors.list_patterns(growth.shape[1])
+    patterns = np.concatenate([patterns, np.broadcast_to(further, (len(growth), *further.shape))], axis=2)
     relative = draw_linear_errors(patterns, 1, 2 * noise.linear_error, rng)
     offset, slope = rng.standard_normal((2, len(growth), 1))
     slope = noise.curve_growth * noise.point_noise * slope

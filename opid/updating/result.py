@@ -212,6 +212,8 @@ class BackboneBand:
         is_measured: whether the mode has curves.
         sensors: bands of the motion of the other sensors of the structure, at the same amplitudes; none in the paper's
             forms, which have no errors of the shapes.
+        loop: (n,) amplitudes, m, and (n,) frequencies, Hz, of the backbone without damping at the best parameters,
+            through an interaction by arclength; None where interactions are left out or no harmonic meets a mode.
     """
 
     mode: int
@@ -225,6 +227,7 @@ class BackboneBand:
     mode_left_out: float | None = None
     is_measured: bool = True
     sensors: tuple[SensorBand, ...] = ()
+    loop: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def n_missing(self) -> int:

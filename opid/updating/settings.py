@@ -45,6 +45,13 @@ class UpdatingThresholds:
     least_span: float = 0.9
     # relative distance of a harmonic to a mode within which they may interact for some theta
     interaction_reach: float = 0.03
+    # error of lambda for each unit that a mode moves it in quadrature: on the wing-engine structure the frequency of
+    # quadrature of one sensor rises and that of another falls by up to twice as much
+    moved_by_loss: float = 2.0
+    least_pull_error: float = 0.2  # error of a pull over the noise of a point below which it is a part of that noise
+    most_steps_of_pull: int = 60  # steps, each half of the remaining one, by which a curve finds its own pull
+    # standard deviations by which a point in an interaction may lie off the curve: no point of a sound set is as far
+    unpaired_sigma: float = 5.0
     n_starts: int = 256  # draws of the prior among which the search for the maximum starts
     most_iterations: int = 40  # iterations of a search for a maximum; ten are usual, unless the density has steps
     rough_drop: float = 1.0  # drop of the log density to which a rough quadratic reaches along each parameter

@@ -25,6 +25,9 @@ from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.unmeasured_modes import PredictionSettings, prediction_faults, unseen_faults
 
+Interaction = Literal["omit", "keep"]
+INTERACTIONS: tuple[Interaction, ...] = get_args(Interaction)
+
 Sampler = Literal["adaptive", "nuts", "transitional"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 
@@ -47,6 +50,10 @@ class UpdatingSettings:
             chosen; none where 0.
         is_joint: whether the factors of the linear stiffness are updated once more with the laws of each class, which
             the paper takes as known in its second phase.
+        interaction: "omit" where the model runs smoothly past interactions with other modes, whose points are to be
+            left out; "keep" where it pairs them with its loop.
+        met_damping: damping ratio of the modes that a harmonic meets, which decides how far a test follows the loop;
+            for "keep".
     """
 
     form: Form = "recommended"
@@ -57,12 +64,14 @@ class UpdatingSettings:
     n_internal: int = 15
     n_confused: int = 0
     is_joint: bool = False
+    interaction: Interaction = "omit"
+    met_damping: float | None = None
 
     @property
     def setting_faults(self) -> list[str]:
         """One clause for each setting that is wrong."""
         found = []
-        for name, known in (("form", FORMS), ("sampler", SAMPLERS)):
+        for name, known in (("form", FORMS), ("sampler", SAMPLERS), ("interaction", INTERACTIONS)):
             if getattr(self, name) not in known:
                 found.append(f"{name} is {getattr(self, name)!r}, give one of {', '.join(known)}")
         for name, least in (("n_samples", FEWEST_SAMPLES), ("seed", 0), ("n_internal", 0), ("n_confused", 0)):
@@ -73,10 +82,30 @@ class UpdatingSettings:
             found.append(f"sampler is 'nuts' in the form {self.form!r}, which has no slopes, take the recommended form")
         if self.n_confused and self.form != "recommended":
             found.append(f"n_confused is {self.n_confused} in the form {self.form!r}, take the recommended form")
+        found += _list_interaction_faults(self)
         whole = all(isinstance(each, int | np.integer) and each >= 0 for each in self.harmonics)
         if 1 not in self.harmonics or not whole:
             found.append(f"harmonics are {list(self.harmonics)}, give 1 and others beside it, for example [1, 3]")
         return found
+
+
+def _list_interaction_faults(settings: UpdatingSettings) -> list[str]:
+    keeps, damping = settings.interaction == "keep", settings.met_damping
+    if not keeps:
+        unused = f"met_damping is {damping} and interaction {settings.interaction!r}, take interaction = 'keep'"
+        return [] if damping is None else [f"{unused}, or leave it out"]
+    found = []
+    if damping is None or not 0.0 < damping < 1.0:
+        given = "missing" if damping is None else damping
+        found.append(
+            f"met_damping is {given} and interaction 'keep', give the damping ratio of the modes that a harmonic "
+            "meets, such as 0.002"
+        )
+    if settings.form != "recommended":
+        found.append(f"interaction is 'keep' in the form {settings.form!r}, take the recommended form")
+    if not any(h > 1 for h in settings.harmonics):
+        found.append(f"interaction is 'keep' and harmonics are {list(settings.harmonics)}, give higher ones, too")
+    return found
 
 
 @dataclass(frozen=True, eq=False)

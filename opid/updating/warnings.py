@@ -11,14 +11,9 @@ from numpy.typing import NDArray
 from opid.estimate import Estimate, format_percent
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, ModeData
-from opid.updating.likelihood.curves import (
-    describe_failures,
-    describe_interactions,
-    describe_points,
-    make_curves,
-    residuals,
-)
+from opid.updating.likelihood.curves import describe_failures, describe_points, make_curves, residuals
 from opid.updating.likelihood.force import ForceData
+from opid.updating.likelihood.interactions import describe_interactions, describe_unpaired
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior
@@ -80,6 +75,7 @@ def warn_of_class(
         describe_failures(data, model_class, near),
         describe_failures(data, model_class, far, lost=True),
         describe_interactions(data, model_class, best),
+        describe_unpaired(data, model_class, best),
     )
     if diagnostics.effective_samples < UPDATING.few_samples:
         yield (
@@ -104,10 +100,13 @@ def warn_of_class(
                 yield f"the interval of {name} contains 0: the data do not need the term {own.key}"
 
 
-def warn_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:
+def warn_of_curves(
+    gaps: Sequence[str], lost: Sequence[str], met: Sequence[str], unpaired: Sequence[str] = ()
+) -> Iterator[str]:
     """Yield warnings about the curves of the model: gaps, curves lost beside the posterior, modes that interact.
 
-    `gaps` and `lost` are from `describe_failures`, `met` is from `describe_interactions`.
+    `gaps` and `lost` are from `describe_failures`, `met` is from `describe_interactions`, `unpaired` from
+    `describe_unpaired`.
     """
     if gaps:
         yield (
@@ -124,7 +123,14 @@ def warn_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str])
     for clause in met:
         yield (
             f"in {clause}: frequencies measured there may lie off the smooth backbone of the model, which leaves "
-            "interactions out; leave those points out (continued_backbone follows an interaction)"
+            "interactions out; leave those points out, or state interaction = 'keep' (continued_backbone follows an "
+            "interaction)"
+        )
+    for clause in unpaired:
+        yield (
+            f"in {clause}: these points lie off every point of the model's curve that the stated damping leaves; the "
+            "interaction lies elsewhere or is stronger than in the linear structure, so do not use the intervals: "
+            "leave those points out, or correct met_damping or the structure"
         )
 
 

@@ -163,8 +163,12 @@ def transform_at(angle: FloatArray, weight: FloatArray, harmonics: tuple[int, ..
 def joint_harmonics(laws: Sequence[Law], transform: Transform, extension: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the harmonics of the joints' forces, (n_harmonics, n_joints) N, and their slopes.
 
-    The slopes by the harmonics of the extensions are (n_joints, n_harmonics, n_harmonics), N/m. `extension` holds the
-    cosine coefficients of the extensions, (n_harmonics, n_joints) m.
+    The slopes by the harmonics of the extensions are (n_joints, n_harmonics, n_harmonics), N/m.
+
+    Args:
+        laws: one law for each joint.
+        transform: transform from harmonics to times of a period.
+        extension: (n_harmonics, n_joints) cosine coefficients of the extensions, m.
     """
     z = transform.cosines.T @ extension
     force, stiffness = np.empty(z.shape), np.empty(z.shape)
@@ -215,7 +219,14 @@ class Balance:
 
 
 def balance(system: JointedModes, laws: Sequence[Law], *, mode: int, sensor: str, harmonics: Sequence[int]) -> Balance:
-    """Return the equations of the backbone of a mode, counted from 1, at prescribed amplitudes of a sensor.
+    """Return the equations of the backbone of a mode at prescribed amplitudes of a sensor.
+
+    Args:
+        system: the linear structure by its modes.
+        laws: one law for each joint; springs only.
+        mode: number of the mode, from 1.
+        sensor: name of the sensor.
+        harmonics: harmonics of the motion, see `harmonics_of`.
 
     Raises:
         InputError: an unknown mode or sensor, impossible harmonics, or a law of the rate.
@@ -235,7 +246,7 @@ def balance(system: JointedModes, laws: Sequence[Law], *, mode: int, sensor: str
 
 
 def linear_unknowns(equations: Balance, amplitude: float) -> FloatArray:
-    """Return the unknowns of the linear mode."""
+    """Return the unknowns of `equations` in the linear mode, at an `amplitude` of the sensor, m."""
     system, m, first = equations.system, equations.mode, equations.harmonics.index(1)
     q = amplitude / system.at_sensors[equations.sensor, m]
     extension = np.zeros((len(equations.harmonics), len(equations.laws)))
@@ -246,9 +257,10 @@ def linear_unknowns(equations: Balance, amplitude: float) -> FloatArray:
 
 
 def residual(equations: Balance, unknowns: FloatArray, amplitude: float) -> tuple[FloatArray, FloatArray]:
-    """Return the values of the equations and their exact Jacobian, (size,) and (size, size); the last is the sensor's.
+    """Return the values of `equations` and their exact Jacobian, (size,) and (size, size); the last is the sensor's.
 
-    By the amplitude, m, the last equation has the slope -1, the others 0.
+    They are those for `unknowns`, (size,), at an `amplitude` of the sensor, m, by which the last equation has the slope
+    -1, the others 0.
     """
     system, n = equations.system, equations.n_joint_unknowns
     n_joints, at = len(equations.laws), unknowns[-1]
@@ -298,7 +310,10 @@ def modal_motion(equations: Balance, unknowns: FloatArray) -> FloatArray:
 
 
 def solve_at(equations: Balance, start: FloatArray, amplitude: float) -> FloatArray | None:
-    """Return the unknowns at a prescribed amplitude by Newton's method, or None where it does not converge."""
+    """Return the unknowns of `equations` at a prescribed `amplitude`, m, by Newton's method from a `start`, (size,).
+
+    None where it does not converge.
+    """
     unknowns = start.copy()
     for _ in range(15):
         value, jacobian = residual(equations, unknowns, amplitude)

@@ -21,9 +21,8 @@ from opid.mechanics.backbones.family import (
     join_families,
     take_samples,
 )
-from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
-from opid.updating.likelihood.backbones import BackboneData, IntArray, ModeData
+from opid.updating.likelihood.backbones import LEAST_APART, BackboneData, MetModes, ModeData, find_met_modes
 from opid.updating.likelihood.noise import log_marginal, log_marginal_slopes
 from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
@@ -418,89 +417,6 @@ def make_solver(
     return ClassSolver(model_class, evaluate, data, met)
 
 
-@dataclass(frozen=True, eq=False)
-class MetModes:
-    """Modes that a harmonic of one backbone meets, which get a residual flexibility in their place.
-
-    Such a mode keeps its contribution to the first harmonic, psi_i psi_i^T / (l_i - l) at the mean measured l, but has
-    no resonance: the backbone runs smoothly and has no loop there. Loops are narrow; an error of the linear structure
-    of a few tenths of a per cent moves them to other amplitudes than the measured ones. The effect of the resonance
-    beside the loop is left out, too: relative to the frequencies of the wing-engine structure it is 2.5e-5 at a
-    distance of two per cent, and 1.2e-4 at half a per cent.
-    """
-
-    columns: IntArray  # their columns
-    middle: float  # mean measured l, 1/s^2
-
-    def remove_from(self, system: JointedModes) -> JointedModes:
-        """Return the structure with residual flexibility in place of these modes."""
-        if not self.columns.size:
-            return system
-        eigenvalue, scale = system.eigenvalue.copy(), self.scale_of(system)
-        eigenvalue[self.columns] *= FAR_AWAY
-        return JointedModes(
-            eigenvalue, scale * system.at_sensors, scale * system.at_joints, system.sensors, system.joints
-        )
-
-    def scale_of(self, system: JointedModes) -> FloatArray:
-        """Return by what the shape of each mode is multiplied, (n_modes,)."""
-        scale, own = np.ones(system.n_modes), system.eigenvalue[self.columns]
-        scale[self.columns] = np.sqrt((FAR_AWAY * own - self.middle) / (own - self.middle))
-        return scale
-
-
-FAR_AWAY = 1e3  # factor of the eigenvalue of a mode that is out of the reach of all harmonics
-LEAST_APART = 1.7  # eigenvalue over the measured one above which a mode does not meet the first harmonic
-
-
-def find_met_modes(data: BackboneData, mode: ModeData) -> MetModes:
-    """Return the modes that a harmonic of the model may meet, near any measured frequency."""
-    measured = np.sqrt(mode.eigenvalue)
-    low, high = (1 - UPDATING.interaction_reach) * measured.min(), (1 + UPDATING.interaction_reach) * measured.max()
-    own = np.sqrt(np.maximum(data.system.eigenvalue, 0.0))
-    near = np.zeros(own.size, dtype=bool)
-    for harmonic in data.harmonics:
-        if harmonic > 1:
-            near |= (own > harmonic * low) & (own < harmonic * high)
-    # Modes that are nearer meet the first harmonic.
-    return MetModes(np.flatnonzero(near & (own > LEAST_APART**0.5 * high)), float(mode.eigenvalue.mean()))
-
-
-def describe_interactions(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> list[str]:
-    """Return one clause for each mode and controlled sensor, on the measured points where a harmonic meets a mode.
-
-    Such points may lie off the model's smooth curve. They are those where the model with the interaction has no
-    solution for theta, (n_parameters,), or one that differs by more than the expected noise of a point (`point_noise`).
-    """
-    one = np.asarray(theta, dtype=np.float64)[np.newaxis]
-    clauses = []
-    for mode in data.modes:
-        met = find_met_modes(data, mode).columns
-        if not met.size:
-            continue
-        for sensor, _ in mode.parts:
-            amplitude = np.unique(mode.amplitude[mode.sensor == sensor])
-            whole, smooth = (
-                make_solver(data, model_class, mode, sensor, amplitude, is_whole=is_whole)(one).frequency_hz[0]
-                for is_whole in (True, False)
-            )
-            off = np.isfinite(smooth) & ~(np.abs(whole / smooth - 1) <= data.noise.point_noise)
-            if off.any():
-                clauses.append(
-                    f"mode {mode.mode} at {_describe_span(amplitude[off])} mm of sensor {sensor!r} ({off.sum()} of "
-                    f"{amplitude.size} measured amplitudes) {_describe_meeting(data, met, smooth[off])}"
-                )
-    return clauses
-
-
-def _describe_meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArray) -> str:
-    orders = np.array([h for h in data.harmonics if h > 1])
-    own = data.system.frequency_hz[met]
-    apart = np.abs(orders[:, None, None] * frequency_hz / own[:, None] - 1).min(axis=2)
-    order, nearest = np.unravel_index(np.argmin(apart), apart.shape)
-    return f"harmonic {orders[order]} meets mode {met[nearest] + 1} at {own[nearest]:.4g} Hz"
-
-
 def describe_failures(
     data: BackboneData, model_class: ModelClass, theta: ArrayLike, *, lost: bool = False
 ) -> list[str]:
@@ -537,10 +453,11 @@ def describe_points(amplitude: FloatArray, chosen: BoolArray, sensor: str) -> st
         numbers = [*numbers[: MOST_NAMED - 1], f"{len(numbers) - MOST_NAMED + 1} more"]
     listed = numbers[0] if len(numbers) == 1 else f"{', '.join(numbers[:-1])} and {numbers[-1]}"
     points = f"point{'s' * (len(numbers) > 1)} {listed} of {amplitude.size}"
-    return f"{_describe_span(amplitude[chosen])} mm of sensor {sensor!r} ({points})"
+    return f"{describe_span(amplitude[chosen])} mm of sensor {sensor!r} ({points})"
 
 
-def _describe_span(amplitude: FloatArray) -> str:
+def describe_span(amplitude: FloatArray) -> str:
+    """Return the smallest and the largest amplitude in mm."""
     low, high = (f"{1e3 * value:.3g}" for value in (amplitude.min(), amplitude.max()))
     return low if low == high else f"{low} to {high}"
 

@@ -14,9 +14,10 @@ from opid.updating.likelihood.backbones import (
     BackboneData,
     ErrorGrowth,
     ModeData,
+    find_met_modes,
     with_noise,
 )
-from opid.updating.likelihood.curves import find_met_modes, make_solver, normalise_slopes
+from opid.updating.likelihood.curves import make_solver, normalise_slopes
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
@@ -162,7 +163,7 @@ def _widen(data: BackboneData, mode: ModeData, model_class: ModelClass, theta: F
     known = mode.errors or ErrorGrowth.of(data.noise)
     if not patterns.size and shape <= known.shape:
         return mode
-    return with_noise(mode, data.noise, ErrorGrowth(known.frequency, max(shape, known.shape), patterns))
+    return with_noise(mode, data.noise, replace(known, shape=max(shape, known.shape), patterns=patterns))
 
 
 def _find_patterns(errors: FloatArray, growth: FloatArray, least: float) -> FloatArray:

@@ -170,7 +170,9 @@ def curve_noise(
     square = (own**2).sum(axis=0)
     seen = square > 1e-12 * len(values)
     left = own[:, seen] / np.sqrt(square[seen])
-    remainder = between - left @ (left.T @ between)
+    # Errors of single points lie outside what the model can be.
+    spanned = np.column_stack([between, others])
+    remainder = spanned - left @ (left.T @ spanned)
     other, size, _ = np.linalg.svd(remainder, full_matrices=False)
     basis = np.concatenate([left, other[:, size > 1e-9 * np.linalg.norm(between)]], axis=1)
     of_offsets, of_growths = np.zeros((2, basis.shape[1]))

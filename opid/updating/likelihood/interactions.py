@@ -1,0 +1,325 @@
+"""Measured points where a harmonic meets another mode: how far that mode pulls them off the smooth backbone.
+
+A mode i that harmonic h meets is moved by the harmonic F_h of the joints' forces, and moves the joints in turn:
+
+    (l_i - h^2 l + 2j zeta h (l_i l)^1/2) q_i + psi_i^T (F_h + dF_h/dz_h psi q) = 0
+    lambda = lambda of the smooth backbone + Re(dlambda/dq q)
+
+with l the measured eigenvalue: a point is paired with the point of the loop at its own frequency, where both sides of
+the loop and its tongue are told apart, though they have the same amplitude. The motion in quadrature, Im q, loses
+energy; what it does to the frequency depends on the sensor that is held in quadrature, so that it is an error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from opid.errors import InputError
+from opid.mechanics.backbones.continuation import continued_backbone
+from opid.mechanics.backbones.harmonic_balance import (
+    Balance,
+    balance,
+    depends_on_rate,
+    joint_harmonics,
+    linear_unknowns,
+    residual,
+    solve_at,
+)
+from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.laws.law import Law
+from opid.signals.recording import FloatArray
+from opid.updating.likelihood.backbones import BackboneData, ErrorGrowth, IntArray, ModeData, find_met_modes, with_noise
+from opid.updating.likelihood.curves import describe_span, make_curves, make_solver
+from opid.updating.likelihood.error_growth import with_modal_errors
+from opid.updating.model_class import ModelClass
+from opid.updating.settings import UPDATING
+
+# ---- the pull of the modes that are met -------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """What the modes that harmonics meet do to lambda of one mode, at some points of its smooth backbone.
+
+    There is one column for each pair of a harmonic above the first and a mode that is met.
+    """
+
+    order: FloatArray  # (n_pairs,) number of the harmonic
+    eigenvalue: FloatArray  # (n_pairs,) l_i of the mode that is met, 1/s^2
+    # (n_pairs,) eigenvalue and square of the scale of what replaces it in the smooth structure
+    far: FloatArray
+    replaced: FloatArray
+    push: FloatArray  # (n_points, n_pairs) psi_i^T F_h, m kg^1/2 / s^2
+    stiffness: FloatArray  # (n_points, n_pairs, n_pairs) psi^T dF_h/dz_h psi, 1/s^2
+    effect: FloatArray  # (n_points, n_pairs) derivative of lambda by the coordinates q_i
+
+    def at(self, matrix: FloatArray) -> Pull:
+        """Return the pull at other points, which a matrix (n_others, n_points) interpolates."""
+        stiffness = np.einsum("jk,kab->jab", matrix, self.stiffness)
+        return replace(self, push=matrix @ self.push, stiffness=stiffness, effect=matrix @ self.effect)
+
+    def find_shift(self, eigenvalue: FloatArray, damping: float, detuning: float = 0.0) -> NDArray[np.complex128]:
+        """Return the change of lambda at vibrations of a given lambda, (n_points,), in phase and in quadrature.
+
+        Args:
+            eigenvalue: (n_points,) lambda of the vibration, 1/s^2.
+            damping: damping ratio of the modes that are met.
+            detuning: relative error of their frequencies.
+        """
+        own, at = self.eigenvalue * (1 + detuning) ** 2, eigenvalue[:, np.newaxis]
+        away = own - self.order**2 * at + 2j * damping * self.order * np.sqrt(own * at)
+        receptance = 1 / away - self.replaced / (self.far - self.order**2 * at)
+        matrix = self.stiffness + np.eye(self.order.size) / receptance[:, np.newaxis]
+        motion = np.linalg.solve(matrix, -self.push[..., np.newaxis])[..., 0]
+        return np.asarray(np.sum(self.effect * motion, axis=1), dtype=np.complex128)
+
+    def find_error(self, eigenvalue: FloatArray, damping: float, linear_error: float) -> FloatArray:
+        """Return the standard deviation of the change of lambda, (n_points,).
+
+        The frequencies of the modes that are met have the error of the linear structure, and what they lose moves the
+        frequency at which a sensor is in quadrature.
+        """
+        ends = [self.find_shift(eigenvalue, damping, sign * linear_error) for sign in (-1.0, 1.0)]
+        lost = UPDATING.moved_by_loss * np.max([np.abs(each.imag) for each in ends], axis=0)
+        return np.asarray(np.hypot(np.abs(ends[1] - ends[0]).real / 2, lost))
+
+
+def find_pull(
+    data: BackboneData, mode: ModeData, model_class: ModelClass, theta: FloatArray, sensor: str, amplitude: FloatArray
+) -> Pull | None:
+    """Return the pull on one mode at amplitudes of a sensor, (n,); None where nothing is met, or without a backbone.
+
+    Args:
+        data: the backbones.
+        mode: the curves of the mode.
+        model_class: the laws.
+        theta: (n_parameters,) their parameters.
+        sensor: name of the sensor.
+        amplitude: (n,) its amplitudes, growing, m.
+    """
+    whole = _find_system(data, model_class, theta)
+    met = find_met_modes(data, mode)
+    if not met.columns.size:
+        return None
+    smooth, psi = met.remove_from(whole), whole.at_joints[:, met.columns]
+    laws = _find_springs(model_class, whole.joints, theta)
+    equations = balance(smooth, laws, mode=mode.mode, sensor=sensor, harmonics=data.harmonics)
+    higher = [k for k, h in enumerate(equations.harmonics) if h > 1]
+    points = _follow(equations, amplitude)
+    if points is None:
+        return None
+    n_joints, n_met = len(laws), met.columns.size
+    moved = np.zeros((equations.size, len(higher) * n_met))
+    for number, k in enumerate(higher):
+        moved[k * n_joints : (k + 1) * n_joints, number * n_met : (number + 1) * n_met] = psi
+    push, stiffness, effect = [], [], []
+    for point, at in zip(points, amplitude, strict=True):
+        extension = point[: equations.n_joint_unknowns].reshape(-1, n_joints)
+        force, slopes = joint_harmonics(laws, equations.transform, extension)
+        push.append((force[higher] @ psi).ravel())
+        between = np.einsum("ja,jhg,jb->hagb", psi, slopes[:, higher][:, :, higher], psi)
+        stiffness.append(between.reshape(push[0].size, push[0].size))
+        effect.append(np.linalg.solve(residual(equations, point, at)[1], moved)[-1])
+    return Pull(
+        order=np.repeat([float(equations.harmonics[k]) for k in higher], n_met),
+        eigenvalue=np.tile(whole.eigenvalue[met.columns], len(higher)),
+        far=np.tile(smooth.eigenvalue[met.columns], len(higher)),
+        replaced=np.tile(met.scale_of(whole)[met.columns] ** 2, len(higher)),
+        push=np.array(push),
+        stiffness=np.array(stiffness),
+        effect=np.array(effect),
+    )
+
+
+def _find_system(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> JointedModes:
+    """Return the linear structure, with the factors that are among the parameters of the class."""
+    if data.structure is None:
+        return data.system
+    return data.structure.at(theta[theta.size - len(model_class.factors) :])[0]
+
+
+def _find_springs(model_class: ModelClass, joints: tuple[str, ...], theta: FloatArray) -> tuple[Law, ...]:
+    """Return the springs of each joint: dampers move no backbone."""
+    every = model_class.laws(joints, theta).values()
+    return tuple(Law(tuple(term for term in law.terms if not depends_on_rate(term))) for law in every)
+
+
+def _follow(equations: Balance, amplitude: FloatArray) -> list[FloatArray] | None:
+    """Return the unknowns at growing amplitudes; None where there is no solution."""
+    points = [linear_unknowns(equations, amplitude[0])]
+    for before, at in zip((amplitude[0], *amplitude[:-1]), amplitude, strict=True):
+        found = solve_at(equations, np.append(points[-1][:-1] * at / before, points[-1][-1]), at)
+        if found is None:
+            return None
+        points.append(found)
+    return points[1:]
+
+
+# ---- measured points --------------------------------------------------------------------------------
+
+
+def adapt_to_class(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> BackboneData:
+    """Return the backbones as a class with theta, (n_parameters,), sees them.
+
+    Their points are those of its smooth backbone (`with_interactions`), and they have the errors of the modal
+    eigenvalues that its laws make (`with_modal_errors`).
+    """
+    return with_modal_errors(with_interactions(data, model_class, theta), model_class, theta)
+
+
+def with_interactions(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> BackboneData:
+    """Return the backbones with every point moved onto the smooth backbone by the pull of the modes that are met.
+
+    The pull is that at theta, (n_parameters,), for it changes by twice the relative change of a coefficient. Each point
+    has the error of its pull beside its noise. Without `met_damping` the data stay as they are.
+    """
+    if data.met_damping is None or data.form != "recommended":
+        return data
+    modes = tuple(_pair(data, mode, model_class, theta, data.met_damping) for mode in data.modes)
+    return replace(data, modes=modes)
+
+
+def _pair(data: BackboneData, mode: ModeData, model_class: ModelClass, theta: FloatArray, damping: float) -> ModeData:
+    shift, error = np.zeros((2, mode.eigenvalue.size))
+    first = 0
+    for sensor, amplitude in mode.parts:
+        own = slice(first, first + amplitude.size)
+        first = own.stop
+        found = find_pull(data, mode, model_class, theta, sensor, amplitude)
+        mine = mode.sensor == sensor
+        if found is None:
+            continue
+        pull, at = found.at(mode.between[mine, own]), mode.eigenvalue[mine]
+        shift[mine] = pull.find_shift(at, damping).real
+        error[mine] = pull.find_error(at, damping, data.noise.linear_error)
+    # An error that is small beside the noise of a point is part of it.
+    counts = error > UPDATING.least_pull_error * 2 * data.noise.point_noise * mode.eigenvalue
+    of_points = np.where(counts, error / (2 * data.noise.linear_error * mode.linear), 0.0)
+    errors = replace(mode.errors or ErrorGrowth.of(data.noise), of_points=of_points)
+    return with_noise(replace(mode, eigenvalue=mode.eigenvalue - shift), data.noise, errors)
+
+
+def find_pulled(
+    data: BackboneData, mode: ModeData, model_class: ModelClass, theta: FloatArray, amplitude: FloatArray
+) -> FloatArray:
+    """Return the change of lambda along the model's own curve at amplitudes of its first controlled sensor, (n,).
+
+    It is 0 where interactions are left out.
+    """
+    sensor, nothing = mode.parts[0][0], np.zeros(amplitude.size)
+    if data.met_damping is None:
+        return nothing
+    pull = find_pull(data, mode, model_class, theta, sensor, amplitude)
+    if pull is None:
+        return nothing
+    smooth = make_solver(data, model_class, mode, sensor, amplitude)(theta[np.newaxis]).eigenvalue[0]
+    shift = nothing
+    for _ in range(UPDATING.most_steps_of_pull):
+        shift = (shift + pull.find_shift(smooth + shift, data.met_damping).real) / 2
+    return shift
+
+
+def find_loop(
+    data: BackboneData, mode: ModeData, model_class: ModelClass, theta: FloatArray, amplitude: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return amplitude, m, and frequency, Hz, of the backbone without damping, through the interaction by arclength.
+
+    None where interactions are left out, nothing is met, or the curve does not begin.
+
+    Args:
+        data: the backbones.
+        mode: the curves of the mode.
+        model_class: the laws.
+        theta: (n_parameters,) their parameters.
+        amplitude: (n,) amplitudes of the first controlled sensor, growing, m.
+    """
+    if data.met_damping is None or not find_met_modes(data, mode).columns.size:
+        return None
+    system = _find_system(data, model_class, theta)
+    try:
+        curve = continued_backbone(
+            system, _find_springs(model_class, system.joints, theta), mode=mode.mode, sensor=mode.parts[0][0],
+            first_amplitude_m=float(amplitude[0]), last_amplitude_m=float(amplitude[-1]), harmonics=data.harmonics,
+        )  # fmt: skip
+    except InputError:
+        return None
+    return np.abs(curve.amplitude), curve.frequency_hz
+
+
+# ---- what is told -----------------------------------------------------------------------------------
+
+
+def describe_interactions(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> list[str]:
+    """Return one clause for each mode and controlled sensor, on the measured points where a harmonic meets a mode.
+
+    Such points may lie off the model's smooth curve. They are those where the model with the interaction has no
+    solution for theta, (n_parameters,), or one that differs by more than the expected noise of a point (`point_noise`).
+    There is none where such points are paired.
+    """
+    one = np.asarray(theta, dtype=np.float64)[np.newaxis]
+    clauses = []
+    for mode in data.modes if data.met_damping is None else ():
+        met = find_met_modes(data, mode).columns
+        if not met.size:
+            continue
+        for sensor, _ in mode.parts:
+            amplitude = np.unique(mode.amplitude[mode.sensor == sensor])
+            whole, smooth = (
+                make_solver(data, model_class, mode, sensor, amplitude, is_whole=is_whole)(one).frequency_hz[0]
+                for is_whole in (True, False)
+            )
+            off = np.isfinite(smooth) & ~(np.abs(whole / smooth - 1) <= data.noise.point_noise)
+            if off.any():
+                clauses.append(
+                    f"mode {mode.mode} at {describe_span(amplitude[off])} mm of sensor {sensor!r} ({off.sum()} of "
+                    f"{amplitude.size} measured amplitudes) {_describe_meeting(data, met, smooth[off])}"
+                )
+    return clauses
+
+
+def _describe_meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArray) -> str:
+    orders = np.array([h for h in data.harmonics if h > 1])
+    own = data.system.frequency_hz[met]
+    apart = np.abs(orders[:, None, None] * frequency_hz / own[:, None] - 1).min(axis=2)
+    order, nearest = np.unravel_index(np.argmin(apart), apart.shape)
+    return f"harmonic {orders[order]} meets mode {met[nearest] + 1} at {own[nearest]:.4g} Hz"
+
+
+def describe_unpaired(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> list[str]:
+    """Return one clause for each mode and sensor with points near an interaction that lie off the curve of the model.
+
+    They are farther from the median of their curve than noise and the error of their pull allow: a loop that the stated
+    damping does not leave, or an interaction that the linear structure has elsewhere. `data` are those of
+    `with_interactions`, and theta, (n_parameters,), is the best.
+    """
+    clauses = []
+    for mode in data.modes if data.met_damping is not None else ():
+        met = find_met_modes(data, mode).columns
+        eigenvalue, _, _, lost = make_curves(data, mode, model_class)(theta[np.newaxis])
+        if not met.size or lost[0] or mode.errors is None or mode.errors.of_points is None:
+            continue
+        error = (mode.eigenvalue - mode.between @ eigenvalue[0]) / mode.linear
+        middle = np.array([np.median(error[mode.curve == curve]) for curve in range(mode.curve[-1] + 1)])
+        error = error - middle[mode.curve]
+        noise = max(float(np.median(np.abs(error))) / 0.6745, 2 * data.noise.point_noise)
+        allowed = np.hypot(noise, 2 * data.noise.linear_error * mode.errors.of_points)
+        off = (np.abs(error) > UPDATING.unpaired_sigma * allowed) & _is_near(data, mode, met)
+        for sensor, _ in mode.parts:
+            mine = off & (mode.sensor == sensor)
+            if mine.any():
+                hz = np.sqrt(mode.eigenvalue[mine]) / (2 * np.pi)
+                clauses.append(
+                    f"mode {mode.mode} at {describe_span(mode.amplitude[mine])} mm of sensor {sensor!r} ({mine.sum()} "
+                    f"of {(mode.sensor == sensor).sum()} measured points) {_describe_meeting(data, met, hz)}"
+                )
+    return clauses
+
+
+def _is_near(data: BackboneData, mode: ModeData, met: IntArray) -> NDArray[np.bool_]:
+    """Return whether a harmonic of each point is near a mode that is met, (n_points,)."""
+    orders = np.array([h for h in data.harmonics if h > 1], dtype=np.float64)
+    apart = np.sqrt(mode.eigenvalue)[:, None, None] * orders[:, None] / np.sqrt(data.system.eigenvalue[met]) - 1
+    return np.asarray((np.abs(apart) <= UPDATING.interaction_reach).any(axis=(1, 2)))
