@@ -155,12 +155,14 @@ def _find_adapted_peak(
     data: BackboneData, model_class: ModelClass, rng: np.random.Generator
 ) -> tuple[BackboneData, Density, Maximum | None, list[str]]:
     """Return the data as the class sees them at its maximum, its density, its maximum, and warnings."""
-    density = density_of(data, model_class)
-    peak, warnings = _find_peak(density, data, model_class, rng)
-    if peak is not None and (adapted := adapt_to_class(data, model_class, peak.theta)) is not data:
-        data, density = adapted, density_of(adapted, model_class)
-        peak, warnings = _find_peak(density, data, model_class, rng)
-    return data, density, peak, warnings
+    found, density = data, density_of(data, model_class)
+    peak, warnings = _find_peak(density, found, model_class, rng)
+    for _ in range(1 if data.met_damping is None else UPDATING.n_paired):
+        if peak is None or (adapted := adapt_to_class(data, model_class, peak.theta)) is data:
+            break
+        found, density = adapted, density_of(adapted, model_class)
+        peak, warnings = _find_peak(density, found, model_class, rng)
+    return found, density, peak, warnings
 
 
 def _choose_methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, ...]:

@@ -285,8 +285,9 @@ def _leave_mode_out(
     eigenvalue = at_nodes[_choose(log_weight, rng)] @ mode.between.T
     growth, noise, errors = eigenvalue / mode.linear - 1, data.noise, mode.errors
     patterns = np.stack([np.ones_like(growth), errors.frequency * growth], axis=2)
-    further = errors.list_patterns(growth.shape[1])
-    patterns = np.concatenate([patterns, np.broadcast_to(further, (len(growth), *further.shape))], axis=2)
+    if errors.patterns is not None:
+        further = np.broadcast_to(errors.patterns, (len(growth), *errors.patterns.shape))
+        patterns = np.concatenate([patterns, further], axis=2)
     relative = draw_linear_errors(patterns, 1, 2 * noise.linear_error, rng)
     offset, slope = rng.standard_normal((2, len(growth), 1))
     slope = noise.curve_growth * noise.point_noise * slope

@@ -45,10 +45,21 @@ class UpdatingThresholds:
     least_span: float = 0.9
     # relative distance of a harmonic to a mode within which they may interact for some theta
     interaction_reach: float = 0.03
-    # error of lambda for each unit that a mode moves it in quadrature: on the wing-engine structure the frequency of
-    # quadrature of one sensor rises and that of another falls by up to twice as much
-    moved_by_loss: float = 2.0
-    least_pull_error: float = 0.2  # error of a pull over the noise of a point below which it is a part of that noise
+    # largest error of the pull of a mode that is met over the noise of a point, below which it is a part of that noise
+    least_pull_error: float = 0.02
+    # detunings of a mode that is met among which the most probable is searched, how far they reach in standard
+    # deviations, and sweeps over several such modes
+    n_detunings: int = 61
+    farthest_detuning: float = 3.0
+    n_sweeps: int = 2
+    detuning_step: float = 0.05  # step of their derivatives, in standard deviations: less than the width of a resonance
+    # relative error of the damping ratio of the modes that are met: those of other modes are known no better
+    damping_error: float = 0.5
+    # maxima that are sought in turn with the interactions at the one before
+    n_paired: int = 3
+    # fraction of the points of a mode within the resonance of one that is met, above which its losses decide: with 65 %
+    # (tests/test_kept_interactions.py) a coefficient is off by three of its standard deviations
+    most_within: float = 0.4
     most_steps_of_pull: int = 60  # steps, each half of the remaining one, by which a curve finds its own pull
     # standard deviations by which a point in an interaction may lie off the curve: no point of a sound set is as far
     unpaired_sigma: float = 5.0

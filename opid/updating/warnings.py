@@ -13,7 +13,7 @@ from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, ModeData
 from opid.updating.likelihood.curves import describe_failures, describe_points, make_curves, residuals
 from opid.updating.likelihood.force import ForceData
-from opid.updating.likelihood.interactions import describe_interactions, describe_unpaired
+from opid.updating.likelihood.interactions import describe_interactions, describe_lossy, describe_unpaired
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior
@@ -76,6 +76,7 @@ def warn_of_class(
         describe_failures(data, model_class, far, lost=True),
         describe_interactions(data, model_class, best),
         describe_unpaired(data, model_class, best),
+        describe_lossy(data),
     )
     if diagnostics.effective_samples < UPDATING.few_samples:
         yield (
@@ -101,12 +102,16 @@ def warn_of_class(
 
 
 def warn_of_curves(
-    gaps: Sequence[str], lost: Sequence[str], met: Sequence[str], unpaired: Sequence[str] = ()
+    gaps: Sequence[str],
+    lost: Sequence[str],
+    met: Sequence[str],
+    unpaired: Sequence[str] = (),
+    lossy: Sequence[str] = (),
 ) -> Iterator[str]:
     """Yield warnings about the curves of the model: gaps, curves lost beside the posterior, modes that interact.
 
     `gaps` and `lost` are from `describe_failures`, `met` is from `describe_interactions`, `unpaired` from
-    `describe_unpaired`.
+    `describe_unpaired`, and `lossy` from `describe_lossy`.
     """
     if gaps:
         yield (
@@ -131,6 +136,11 @@ def warn_of_curves(
             f"in {clause}: these points lie off every point of the model's curve that the stated damping leaves; the "
             "interaction lies elsewhere or is stronger than in the linear structure, so do not use the intervals: "
             "leave those points out, or correct met_damping or the structure"
+        )
+    for clause in lossy:
+        yield (
+            f"in {clause} lie within the resonance of a mode that a harmonic meets, whose losses move the frequency of "
+            "quadrature in a way that the model does not have: do not use the intervals, leave those points out"
         )
 
 

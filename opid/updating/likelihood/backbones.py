@@ -37,19 +37,16 @@ class ErrorGrowth:
         frequency: growth of the error of lambda, in units of 2 `linear_error`.
         shape: growth of the error of a shape, in units of `linear_shape_error`.
         patterns: (n_points, n) errors of lambda that do not grow with lambda, in the first unit.
-        of_points: (n_points,) errors of lambda that each point has for itself, beside its noise, in the first unit.
     """
 
     frequency: float
     shape: float
     patterns: FloatArray | None = None
-    of_points: FloatArray | None = None
 
-    def list_patterns(self, n_points: int) -> FloatArray:
-        """Return all patterns of errors that do not grow with lambda, (n_points, n_patterns)."""
-        common = np.empty((n_points, 0)) if self.patterns is None else self.patterns
-        single = np.zeros(n_points) if self.of_points is None else self.of_points
-        return np.column_stack([common, np.diag(single)[:, single > 0]])
+    def with_patterns(self, patterns: FloatArray) -> ErrorGrowth:
+        """Return these errors and those of further patterns, (n_points, n)."""
+        known = np.empty((len(patterns), 0)) if self.patterns is None else self.patterns
+        return replace(self, patterns=np.column_stack([known, patterns]))
 
     @staticmethod
     def of(noise: NoiseSettings) -> ErrorGrowth:
@@ -230,7 +227,7 @@ def with_noise(mode: ModeData, noise: NoiseSettings, errors: ErrorGrowth) -> Mod
     frequency_noise = curve_noise(
         (mode.eigenvalue / mode.linear)[:, None], *place, common_std=2 * noise.linear_error,
         offset=2 * noise.curve_offset, expected=2 * noise.point_noise, common_growth=errors.frequency,
-        own_growth=noise.curve_growth, patterns=errors.list_patterns(mode.curve.size),
+        own_growth=noise.curve_growth, patterns=errors.patterns,
     )  # fmt: skip
     shape_noise = None
     if noise.shapes and mode.free.size:
@@ -262,15 +259,11 @@ def without_curve(mode: ModeData, curve: int, noise: NoiseSettings) -> ModeData:
         noise: the settings of their errors.
     """
     assert mode.errors is not None  # The recommended form has noise models.
-    kept, errors = mode.curve != curve, mode.errors
+    kept, patterns = mode.curve != curve, mode.errors.patterns
     per_point = ("between", "eigenvalue", "sensor", "amplitude", "relative_amplitude", "growth", "shapes")
     left = {name: getattr(mode, name)[kept] for name in per_point}
     numbers = np.unique(mode.curve[kept], return_inverse=True)[1]
-    errors = replace(
-        errors,
-        patterns=None if errors.patterns is None else errors.patterns[kept],
-        of_points=None if errors.of_points is None else errors.of_points[kept],
-    )
+    errors = replace(mode.errors, patterns=None if patterns is None else patterns[kept])
     return with_noise(replace(mode, curve=numbers, **left), noise, errors)
 
 

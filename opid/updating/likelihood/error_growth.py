@@ -163,7 +163,8 @@ def _widen(data: BackboneData, mode: ModeData, model_class: ModelClass, theta: F
     known = mode.errors or ErrorGrowth.of(data.noise)
     if not patterns.size and shape <= known.shape:
         return mode
-    return with_noise(mode, data.noise, replace(known, shape=max(shape, known.shape), patterns=patterns))
+    errors = replace(known, shape=max(shape, known.shape)).with_patterns(patterns)
+    return with_noise(mode, data.noise, errors)
 
 
 def _find_patterns(errors: FloatArray, growth: FloatArray, least: float) -> FloatArray:

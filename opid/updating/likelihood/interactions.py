@@ -5,9 +5,9 @@ A mode i that harmonic h meets is moved by the harmonic F_h of the joints' force
     (l_i - h^2 l + 2j zeta h (l_i l)^1/2) q_i + psi_i^T (F_h + dF_h/dz_h psi q) = 0
     lambda = lambda of the smooth backbone + Re(dlambda/dq q)
 
-with l the measured eigenvalue: a point is paired with the point of the loop at its own frequency, where both sides of
-the loop and its tongue are told apart, though they have the same amplitude. The motion in quadrature, Im q, loses
-energy; what it does to the frequency depends on the sensor that is held in quadrature, so that it is an error.
+with l the measured eigenvalue: a point is paired with the point of the curve at its own frequency, where the two sides
+of a loop are told apart, though they have the same amplitude. The motion in quadrature, Im q, loses energy; what that
+does to the frequency depends on the sensor that is held in quadrature, so it is left to the noise of the points.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from opid.updating.settings import UPDATING
 class Pull:
     """What the modes that harmonics meet do to lambda of one mode, at some points of its smooth backbone.
 
-    There is one column for each pair of a harmonic above the first and a mode that is met.
+    There is one column for each pair of a harmonic above the first and a mode that is met, harmonic by harmonic.
     """
 
     order: FloatArray  # (n_pairs,) number of the harmonic
@@ -56,35 +56,46 @@ class Pull:
     stiffness: FloatArray  # (n_points, n_pairs, n_pairs) psi^T dF_h/dz_h psi, 1/s^2
     effect: FloatArray  # (n_points, n_pairs) derivative of lambda by the coordinates q_i
 
+    @property
+    def n_met(self) -> int:
+        """Number of modes that are met."""
+        return int((self.order == self.order[0]).sum())
+
     def at(self, matrix: FloatArray) -> Pull:
         """Return the pull at other points, which a matrix (n_others, n_points) interpolates."""
         stiffness = np.einsum("jk,kab->jab", matrix, self.stiffness)
         return replace(self, push=matrix @ self.push, stiffness=stiffness, effect=matrix @ self.effect)
 
-    def find_shift(self, eigenvalue: FloatArray, damping: float, detuning: float = 0.0) -> NDArray[np.complex128]:
-        """Return the change of lambda at vibrations of a given lambda, (n_points,), in phase and in quadrature.
+    def find_shift(self, eigenvalue: FloatArray, damping: float, detuning: FloatArray | None = None) -> FloatArray:
+        """Return the change of lambda at vibrations of a given lambda, (n_points,), 1/s^2.
 
         Args:
             eigenvalue: (n_points,) lambda of the vibration, 1/s^2.
             damping: damping ratio of the modes that are met.
-            detuning: relative error of their frequencies.
+            detuning: (n_met,) relative errors of their frequencies; none where left out.
         """
-        own, at = self.eigenvalue * (1 + detuning) ** 2, eigenvalue[:, np.newaxis]
+        own, at = self.eigenvalue, eigenvalue[:, np.newaxis]
+        if detuning is not None:
+            own = own * np.tile(1 + detuning, own.size // self.n_met) ** 2
         away = own - self.order**2 * at + 2j * damping * self.order * np.sqrt(own * at)
         receptance = 1 / away - self.replaced / (self.far - self.order**2 * at)
         matrix = self.stiffness + np.eye(self.order.size) / receptance[:, np.newaxis]
         motion = np.linalg.solve(matrix, -self.push[..., np.newaxis])[..., 0]
-        return np.asarray(np.sum(self.effect * motion, axis=1), dtype=np.complex128)
+        return np.asarray(np.sum(self.effect * motion.real, axis=1))
 
-    def find_error(self, eigenvalue: FloatArray, damping: float, linear_error: float) -> FloatArray:
-        """Return the standard deviation of the change of lambda, (n_points,).
+    def find_patterns(self, eigenvalue: FloatArray, damping: float, detuning: FloatArray, unit: float) -> FloatArray:
+        """Return what errors of each mode's frequency and of the damping do to lambda, (n_points, n_met + 1), 1/s^2.
 
-        The frequencies of the modes that are met have the error of the linear structure, and what they lose moves the
-        frequency at which a sensor is in quadrature.
+        A frequency has the relative error `unit` beside its detuning, and the damping that of the settings. The
+        arguments are those of `find_shift`.
         """
-        ends = [self.find_shift(eigenvalue, damping, sign * linear_error) for sign in (-1.0, 1.0)]
-        lost = UPDATING.moved_by_loss * np.max([np.abs(each.imag) for each in ends], axis=0)
-        return np.asarray(np.hypot(np.abs(ends[1] - ends[0]).real / 2, lost))
+        found = []
+        for own in UPDATING.detuning_step * unit * np.eye(detuning.size):
+            ends = [self.find_shift(eigenvalue, damping, each) for each in (detuning - own, detuning + own)]
+            found.append((ends[1] - ends[0]) / (2 * UPDATING.detuning_step))
+        ratio = 1 + UPDATING.damping_error
+        ends = [self.find_shift(eigenvalue, each, detuning) for each in (damping / ratio, damping * ratio)]
+        return np.stack([*found, (ends[1] - ends[0]) / 2], axis=1)
 
 
 def find_pull(
@@ -173,8 +184,9 @@ def adapt_to_class(data: BackboneData, model_class: ModelClass, theta: FloatArra
 def with_interactions(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> BackboneData:
     """Return the backbones with every point moved onto the smooth backbone by the pull of the modes that are met.
 
-    The pull is that at theta, (n_parameters,), for it changes by twice the relative change of a coefficient. Each point
-    has the error of its pull beside its noise. Without `met_damping` the data stay as they are.
+    The pull is that at theta, (n_parameters,): it is small, and changes only by about twice the relative change of a
+    coefficient. The frequency of each mode that is met has the error of the linear structure, and its damping ratio one
+    of its own, which make patterns of errors. Without `met_damping` the data stay as they are.
     """
     if data.met_damping is None or data.form != "recommended":
         return data
@@ -183,23 +195,52 @@ def with_interactions(data: BackboneData, model_class: ModelClass, theta: FloatA
 
 
 def _pair(data: BackboneData, mode: ModeData, model_class: ModelClass, theta: FloatArray, damping: float) -> ModeData:
-    shift, error = np.zeros((2, mode.eigenvalue.size))
-    first = 0
-    for sensor, amplitude in mode.parts:
-        own = slice(first, first + amplitude.size)
-        first = own.stop
-        found = find_pull(data, mode, model_class, theta, sensor, amplitude)
-        mine = mode.sensor == sensor
-        if found is None:
-            continue
-        pull, at = found.at(mode.between[mine, own]), mode.eigenvalue[mine]
-        shift[mine] = pull.find_shift(at, damping).real
-        error[mine] = pull.find_error(at, damping, data.noise.linear_error)
-    # An error that is small beside the noise of a point is part of it.
-    counts = error > UPDATING.least_pull_error * 2 * data.noise.point_noise * mode.eigenvalue
-    of_points = np.where(counts, error / (2 * data.noise.linear_error * mode.linear), 0.0)
-    errors = replace(mode.errors or ErrorGrowth.of(data.noise), of_points=of_points)
-    return with_noise(replace(mode, eigenvalue=mode.eigenvalue - shift), data.noise, errors)
+    pull = _find_pull_on_points(data, mode, model_class, theta)
+    smooth, _, _, lost = make_curves(data, mode, model_class)(theta[np.newaxis])
+    if pull is None or lost[0]:
+        return mode
+    unit, at = data.noise.linear_error, mode.eigenvalue
+    detuning = _find_detuning(mode, pull, mode.between @ smooth[0], damping, unit)
+    patterns = pull.find_patterns(at, damping, detuning, unit)
+    # The pull is straight in the detuning near the one that the points tell, and the error counts from none.
+    shift = pull.find_shift(at, damping, detuning) - patterns[:, :-1] @ (detuning / unit)
+    # A pattern that is small beside the noise of a point is a part of it.
+    counts = np.abs(patterns).max(axis=0) > UPDATING.least_pull_error * 2 * data.noise.point_noise * mode.linear
+    errors = (mode.errors or ErrorGrowth.of(data.noise)).with_patterns(patterns[:, counts] / (2 * unit * mode.linear))
+    return with_noise(replace(mode, eigenvalue=at - shift), data.noise, errors)
+
+
+def _find_pull_on_points(data: BackboneData, mode: ModeData, model_class: ModelClass, theta: FloatArray) -> Pull | None:
+    """Return the pull on all measured points of a mode, interpolated between its nodes."""
+    found = [find_pull(data, mode, model_class, theta, sensor, amplitude) for sensor, amplitude in mode.parts]
+    every = [each for each in found if each is not None]
+    if len(every) < len(found):
+        return None
+    joined = {name: np.concatenate([getattr(each, name) for each in every]) for name in ("push", "stiffness", "effect")}
+    return replace(every[0], **joined).at(mode.between)
+
+
+def _find_detuning(mode: ModeData, pull: Pull, smooth: FloatArray, damping: float, unit: float) -> FloatArray:
+    """Return the most probable relative errors of the frequencies of the modes that are met, (n_met,).
+
+    Each has a Gaussian prior of the standard deviation `unit`. The curves have offsets and slopes of their own, and
+    `smooth` is lambda of the smooth backbone at their points, (n_points,).
+    """
+    offsets = np.eye(mode.curve[-1] + 1)[mode.curve]
+    own = np.linalg.qr(np.column_stack([offsets, mode.growth]))[0]
+    detuning = np.zeros(pull.n_met)
+
+    def weigh(tried: FloatArray) -> float:
+        error = mode.eigenvalue - pull.find_shift(mode.eigenvalue, damping, tried) - smooth
+        left = float(np.sum((error - own @ (own.T @ error)) ** 2))
+        return error.size * np.log(left) + float(np.sum((tried / unit) ** 2))
+
+    for _ in range(UPDATING.n_sweeps if detuning.size > 1 else 1):
+        for each in range(detuning.size):
+            tried = np.tile(detuning, (UPDATING.n_detunings, 1))
+            tried[:, each] = unit * np.linspace(-UPDATING.farthest_detuning, UPDATING.farthest_detuning, len(tried))
+            detuning = tried[int(np.argmin([weigh(row) for row in tried]))]
+    return detuning
 
 
 def find_pulled(
@@ -218,7 +259,7 @@ def find_pulled(
     smooth = make_solver(data, model_class, mode, sensor, amplitude)(theta[np.newaxis]).eigenvalue[0]
     shift = nothing
     for _ in range(UPDATING.most_steps_of_pull):
-        shift = (shift + pull.find_shift(smooth + shift, data.met_damping).real) / 2
+        shift = (shift + pull.find_shift(smooth + shift, data.met_damping)) / 2
     return shift
 
 
@@ -291,22 +332,25 @@ def _describe_meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArra
 def describe_unpaired(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> list[str]:
     """Return one clause for each mode and sensor with points near an interaction that lie off the curve of the model.
 
-    They are farther from the median of their curve than noise and the error of their pull allow: a loop that the stated
-    damping does not leave, or an interaction that the linear structure has elsewhere. `data` are those of
-    `with_interactions`, and theta, (n_parameters,), is the best.
+    They are farther from the median of their curve than the noise and the error of the pull allow: a loop that the
+    stated damping does not leave, or an interaction that the linear structure has elsewhere. `data` are those of
+    `adapt_to_class`, and theta, (n_parameters,), is the best.
     """
     clauses = []
     for mode in data.modes if data.met_damping is not None else ():
         met = find_met_modes(data, mode).columns
         eigenvalue, _, _, lost = make_curves(data, mode, model_class)(theta[np.newaxis])
-        if not met.size or lost[0] or mode.errors is None or mode.errors.of_points is None:
+        if not met.size or lost[0] or mode.errors is None:
             continue
         error = (mode.eigenvalue - mode.between @ eigenvalue[0]) / mode.linear
         middle = np.array([np.median(error[mode.curve == curve]) for curve in range(mode.curve[-1] + 1)])
         error = error - middle[mode.curve]
         noise = max(float(np.median(np.abs(error))) / 0.6745, 2 * data.noise.point_noise)
-        allowed = np.hypot(noise, 2 * data.noise.linear_error * mode.errors.of_points)
-        off = (np.abs(error) > UPDATING.unpaired_sigma * allowed) & _is_near(data, mode, met)
+        patterns = np.zeros((error.size, 1)) if mode.errors.patterns is None else mode.errors.patterns
+        allowed = np.hypot(noise, 2 * data.noise.linear_error * np.linalg.norm(patterns, axis=1))
+        off = (np.abs(error) > UPDATING.unpaired_sigma * allowed) & _is_near(
+            data, mode, met, UPDATING.interaction_reach
+        )
         for sensor, _ in mode.parts:
             mine = off & (mode.sensor == sensor)
             if mine.any():
@@ -318,8 +362,22 @@ def describe_unpaired(data: BackboneData, model_class: ModelClass, theta: FloatA
     return clauses
 
 
-def _is_near(data: BackboneData, mode: ModeData, met: IntArray) -> NDArray[np.bool_]:
-    """Return whether a harmonic of each point is near a mode that is met, (n_points,)."""
+def _is_near(data: BackboneData, mode: ModeData, met: IntArray, reach: float) -> NDArray[np.bool_]:
+    """Return whether a harmonic of each point is nearer to a mode that is met than a fraction of it, (n_points,)."""
     orders = np.array([h for h in data.harmonics if h > 1], dtype=np.float64)
     apart = np.sqrt(mode.eigenvalue)[:, None, None] * orders[:, None] / np.sqrt(data.system.eigenvalue[met]) - 1
-    return np.asarray((np.abs(apart) <= UPDATING.interaction_reach).any(axis=(1, 2)))
+    return np.asarray((np.abs(apart) <= reach).any(axis=(1, 2)))
+
+
+def describe_lossy(data: BackboneData) -> list[str]:
+    """Return one clause for each mode of which many points lie within the resonance of a mode that is met.
+
+    What that mode loses there moves the frequency at which a sensor is in quadrature, which is no part of the model.
+    """
+    clauses = []
+    for mode in data.modes if data.met_damping is not None else ():
+        met = find_met_modes(data, mode).columns
+        within = _is_near(data, mode, met, 2 * data.met_damping) if met.size and data.met_damping else np.zeros(1)
+        if within.mean() > UPDATING.most_within:
+            clauses.append(f"mode {mode.mode} {100 * within.mean():.0f} % of the measured points")
+    return clauses

@@ -170,7 +170,7 @@ def curve_noise(
     square = (own**2).sum(axis=0)
     seen = square > 1e-12 * len(values)
     left = own[:, seen] / np.sqrt(square[seen])
-    # Errors of single points lie outside what the model can be.
+    # The pull of a mode that is met is no polynomial, as the model between its nodes is.
     spanned = np.column_stack([between, others])
     remainder = spanned - left @ (left.T @ spanned)
     other, size, _ = np.linalg.svd(remainder, full_matrices=False)

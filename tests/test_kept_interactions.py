@@ -1,0 +1,231 @@
+"""Points in an interaction are paired with the curve that damping leaves of its loop: pull, posterior, warnings."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from jointed_systems import CUBIC, two_pylons
+
+from opid import plots
+from opid.errors import InputError
+from opid.mechanics.backbones.continuation import continued_backbone
+from opid.mechanics.backbones.quadrature_curves import Specimen, quadrature_curve
+from opid.updating.likelihood.backbones import backbone_data, find_met_modes
+from opid.updating.likelihood.interactions import (
+    adapt_to_class,
+    describe_interactions,
+    describe_lossy,
+    describe_unpaired,
+    find_pull,
+    with_interactions,
+)
+from opid.updating.model_class import ModelClass, Prior, UncertainTerm
+from opid.updating.posterior import update_class
+from opid.updating.prediction import predict
+from opid.updating.study import UpdatingStudy
+from opid.virtual.backbone_tests.measured import convert_curve
+
+SYSTEM = two_pylons(0.05)  # three times the frequency of mode 3 meets mode 9
+MET = 8
+LAW = ModelClass("cubic", (UncertainTerm("cubic_stiffness", (6e7,), (Prior("uniform", 0.0, 3.0),)),))
+TRUE = np.array([1.0])
+DAMPING = 0.003
+
+
+@cache
+def curves(damping=DAMPING):
+    """Backbones by one force on the damped structure, with different sensors in quadrature, exact."""
+    specimen = Specimen(SYSTEM, CUBIC, damping, "plate 2")
+    found = [
+        quadrature_curve(
+            specimen, mode=3, sensor=sensor, controlled_sensor="tip 1", amplitude=np.linspace(2e-4, 2.5e-3, 60),
+            harmonics=(1, 3),
+        )
+        for sensor in ("tip 1", "tip 3", "plate 2")
+    ]  # fmt: skip
+    assert all(curve.converged.all() for curve in found)
+    return tuple(replace(convert_curve(curve, "plate 2"), drive="", force_n=None) for curve in found)
+
+
+def measured(seed=0, damping=DAMPING):
+    rng = np.random.default_rng(seed)
+    return tuple(
+        replace(
+            curve,
+            frequency_hz=curve.frequency_hz[::2] * (1 + 1e-4 * rng.standard_normal(30)),
+            amplitude=curve.amplitude[::2],
+        )
+        for curve in curves(damping)
+    )
+
+
+def data_of(backbones, damping, detuning=0.0):
+    """The backbones with a structure in which the mode that is met has another frequency."""
+    eigenvalue = SYSTEM.eigenvalue.copy()
+    eigenvalue[MET] *= (1 + detuning) ** 2
+    return replace(backbone_data(replace(SYSTEM, eigenvalue=eigenvalue), backbones), met_damping=damping)
+
+
+def posterior(data):
+    return update_class(data, LAW, rng=np.random.default_rng(0), n_samples=1000, evidences=("laplace",))
+
+
+def score(found):
+    estimate = found.estimates["theta_1"]
+    return (estimate.value - 1) / estimate.std
+
+
+# ---- the pull ---------------------------------------------------------------------------------------
+
+
+def pull_and_smooth(amplitude, like):
+    data = data_of(like, DAMPING)
+    pull = find_pull(data, data.modes[0], LAW, TRUE, "tip 1", amplitude)
+    smooth = find_met_modes(data, data.modes[0]).remove_from(SYSTEM)
+    return pull, smooth
+
+
+def test_both_sides_of_the_loop_without_damping_are_the_smooth_curve_with_its_pull():
+    given = {"mode": 3, "sensor": "tip 1", "first_amplitude_m": 2e-4, "last_amplitude_m": 2.5e-3, "harmonics": (1, 3)}
+    loop = continued_backbone(SYSTEM, CUBIC, largest_step=0.02, **given)
+    apart = np.abs(3 * loop.frequency_hz / SYSTEM.frequency_hz[MET] - 1)
+    # On the tongue itself the third harmonic is as large as the first: it is no small change of the smooth curve.
+    beside = (apart > 0.008) & (np.abs(loop.modal_motion[:, 1, MET]) < 0.05 * np.abs(loop.modal_motion[:, 0, 2]))
+    side = np.sign(3 * loop.frequency_hz / SYSTEM.frequency_hz[MET] - 1)[beside]
+    assert (side > 0).any()
+    assert (side < 0).any()
+    order = np.argsort(np.abs(loop.amplitude)[beside])
+    amplitude = np.abs(loop.amplitude)[beside][order]
+    eigenvalue = (2 * np.pi * loop.frequency_hz[beside][order]) ** 2
+    pull, smooth = pull_and_smooth(amplitude, measured())
+    there = continued_backbone(smooth, CUBIC, **given)
+    expected = (2 * np.pi * np.interp(amplitude, there.amplitude, there.frequency_hz)) ** 2
+    shift = pull.find_shift(eigenvalue, 0.0)
+    left = (eigenvalue - expected - shift) / eigenvalue
+    assert np.abs(shift / eigenvalue).max() > 8e-4
+    assert np.abs(left).max() < 0.25 * np.abs(shift / eigenvalue).max()
+    # both sides are pulled, in opposite directions
+    assert (shift * side[order] > 0).all() or (shift * side[order] < 0).all()
+
+
+def test_damping_leaves_the_curve_of_a_test_with_one_force():
+    curve = curves()[1]
+    amplitude, eigenvalue = curve.controlled_amplitude, curve.eigenvalue
+    pull, smooth = pull_and_smooth(amplitude, measured())
+    without = quadrature_curve(
+        Specimen(smooth, CUBIC, DAMPING, "plate 2"), mode=3, sensor="tip 3", controlled_sensor="tip 1",
+        amplitude=amplitude, harmonics=(1, 3),
+    )  # fmt: skip
+    true = eigenvalue / (2 * np.pi * without.frequency_hz) ** 2 - 1
+    shift = pull.find_shift(eigenvalue, DAMPING) / eigenvalue
+    assert np.abs(true).max() > 3e-3
+    assert np.abs(shift - true).max() < 0.2 * np.abs(true).max()
+    apart = np.abs(3 * curve.frequency_hz / SYSTEM.frequency_hz[MET] - 1) > 4 * DAMPING
+    assert (np.abs(shift - true)[apart] < 0.12 * np.abs(true)[apart] + 1e-6).all()
+
+
+def test_a_pull_is_interpolated_between_nodes():
+    data = data_of(measured(), DAMPING)
+    (mode,) = data.modes
+    ((sensor, nodes),) = mode.parts
+    at_nodes = find_pull(data, mode, LAW, TRUE, sensor, nodes).at(mode.between)
+    order = np.argsort(mode.amplitude)
+    exact = find_pull(data, mode, LAW, TRUE, sensor, mode.amplitude[order])
+    one = at_nodes.find_shift(mode.eigenvalue, DAMPING)[order]
+    np.testing.assert_allclose(one, exact.find_shift(mode.eigenvalue[order], DAMPING), atol=1e-6 * mode.linear)
+
+
+# ---- the posterior ----------------------------------------------------------------------------------
+
+
+def test_kept_points_leave_theta_right_where_a_smooth_model_is_wrong():
+    data = data_of(measured(), DAMPING)
+    kept = posterior(data)
+    assert abs(score(kept)) < 2.5
+    assert not any("interaction" in each for each in kept.warnings)
+    omitted = posterior(replace(data, met_damping=None))
+    assert abs(score(omitted)) > 8
+    assert any("leave those points out, or state interaction = 'keep'" in each for each in omitted.warnings)
+
+
+@pytest.mark.parametrize("detuning", [-0.006, 0.004])
+def test_a_mode_that_is_met_elsewhere_than_in_the_structure_does_not_move_theta(detuning):
+    found = posterior(data_of(measured(1), DAMPING, detuning))
+    assert abs(score(found)) < 2.5
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_damping_that_is_wrong_by_half_does_not_move_theta(factor):
+    assert abs(score(posterior(data_of(measured(2), factor * DAMPING)))) < 2.5
+
+
+def test_a_structure_whose_mode_lies_far_off_is_told_or_the_interval_holds():
+    # a leaf spring that is 5 % too stiff moves the mode that is met by 2 %: four times what is stated
+    found = posterior(data_of(measured(3), DAMPING, 0.02))
+    told = any("lie off every point of the model's curve" in each or "stay unexplained" in each
+               for each in found.warnings)  # fmt: skip
+    assert told or abs(score(found)) < 2.5
+
+
+def test_points_on_a_tongue_that_damping_cuts_off_are_told():
+    backbones = measured()
+    moved = [replace(curve, frequency_hz=curve.frequency_hz.copy()) for curve in backbones]
+    hz = backbones[0].frequency_hz.copy()
+    hz[3:6] = SYSTEM.frequency_hz[MET] / 3 * 1.002
+    moved[0] = replace(moved[0], frequency_hz=hz)
+    data = adapt_to_class(data_of(tuple(moved), DAMPING), LAW, TRUE)
+    (clause,) = describe_unpaired(data, LAW, TRUE)
+    assert "3 of 90 measured points" in clause
+    assert "harmonic 3 meets mode 9" in clause
+    assert describe_unpaired(adapt_to_class(data_of(backbones, DAMPING), LAW, TRUE), LAW, TRUE) == []
+
+
+def test_a_test_whose_points_all_lie_in_the_resonance_is_told():
+    assert describe_lossy(data_of(measured(), DAMPING)) == []
+    (clause,) = describe_lossy(data_of(measured(), 0.012))
+    assert clause.startswith("mode 3 ")
+
+
+def test_without_the_switch_everything_stays_as_it_is():
+    data = data_of(measured(), None)
+    assert with_interactions(data, LAW, TRUE) is data
+    assert describe_unpaired(data, LAW, TRUE) == describe_lossy(data) == []
+    assert describe_interactions(data_of(measured(), DAMPING), LAW, TRUE) == []
+    # where nothing is met, keeping changes nothing, either
+    beside = replace(data, harmonics=(1,), met_damping=DAMPING)
+    assert with_interactions(beside, LAW, TRUE).modes == beside.modes
+
+
+# ---- study, prediction and figure --------------------------------------------------------------------
+
+
+def test_the_band_runs_through_the_interaction_and_the_loop_is_drawn():
+    backbones = measured()
+    data = data_of(backbones, DAMPING)
+    (band,) = predict(data, posterior(data), backbones, rng=np.random.default_rng(0))
+    assert band.coverage > 0.9
+    assert band.loop is not None
+    amplitude, hz = band.loop
+    assert (np.diff(amplitude) < 0).any()
+    assert hz.max() == pytest.approx(backbones[0].frequency_hz[-1], rel=2e-3)
+    (without,) = predict(replace(data, met_damping=None), posterior(data), backbones, rng=np.random.default_rng(0))
+    assert without.loop is None
+    ax = plots.predicted_backbones([band], backbones, 3)[0, 0]
+    assert "loop without damping" in ax.get_legend_handles_labels()[1]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"interaction": "keep"}, "met_damping is missing and interaction 'keep', give the damping ratio"),
+        ({"interaction": "keep", "met_damping": 1.5}, r"met_damping is 1.5 and interaction 'keep', give the damping"),
+        ({"met_damping": 0.01}, "met_damping is 0.01 and interaction 'omit', take interaction = 'keep', or leave it"),
+        ({"interaction": "all"}, "interaction is 'all', give one of omit, keep"),
+        ({"interaction": "keep", "met_damping": 0.01, "harmonics": (1,)}, r"harmonics are \[1\], give higher ones"),
+        ({"interaction": "keep", "met_damping": 0.01, "form": "independent"}, "take the recommended form"),
+    ],
+)
+def test_settings_that_do_not_go_together_are_refused(given, message):
+    with pytest.raises(InputError, match=message):
+        UpdatingStudy("x", SYSTEM, measured(), (LAW,), **given)
