@@ -10,7 +10,11 @@ take the structure with its linear error as it is. Row "damping" has curves of d
 have damping ratios that are known within 3 %. Rows "every sensor" predict motions, and mode 10, of which no curve is
 made; "wrong law" fits class 1, and in "wrong structure" the linear error is 2 % where 0.4 % are stated. Rows "joint"
 update both moduli together with two coefficients of each pylon by the no-U-turn sampler, in one core; "joint evidence"
-compares the evidence with nested sampling (`pip install dynesty`).
+compares the evidence with nested sampling (`pip install dynesty`). Rows "interaction" have curves of a damped structure
+under one force, whose points are kept, paired with the loop or not, or left out where the third harmonic is within 1 %
+of a mode that it meets. In "wing" the leaf springs are 5 % apart, so that three times the frequency of the first
+bending mode meets modes 10 and 11, and that of the second comes near mode 13; "coupled" is the small structure of the
+tests, which an interaction moves much more. In "elsewhere" the modes that are met lie 5 % higher in the model.
 """
 
 import argparse
@@ -20,6 +24,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from multiprocessing import get_context
+from pathlib import Path
 from time import perf_counter, process_time
 
 # before numpy is loaded, here and in every process that this one starts
@@ -28,6 +33,9 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from harness import table_head, table_row
 from tqdm import tqdm
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from jointed_systems import CUBIC, two_pylons
 
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
@@ -53,12 +61,16 @@ from opid.virtual.backbone_tests.measured import (
     convert_curve,
     synthetic_backbones,
 )
-from opid.virtual.backbone_tests.wing_engine import UPDATED, laws_of_pylons, wing_engine_structure
+from opid.virtual.backbone_tests.wing_engine import UPDATED, WingEngine, laws_of_pylons, wing_engine_structure
 
 FACTORS = tuple(UPDATED.values())
 CLASSES, TRUTH, THETA = PAPER_CLASSES, PAPER_CLASSES[1], 1.58
 UNUSED = 10  # a mode in which the pylons bend, and of which no curve is made
 PYLONS = (1.58, 1.2)  # theta of a cubic and of a quadratic pylon
+COUPLED, COUPLED_RATIO = (
+    ModelClass("cubic", (UncertainTerm("cubic_stiffness", (6e7,), (Prior("uniform", 0, 3),)),)),
+    0.003,
+)
 DAMPERS, RATIO, DRIVE = (0.1, 0.5), 0.001, "5"  # N s/m, N s^2/m^2; of the modes; where the force acts
 ERRORS = {
     "large": {"offset_fraction": 0.0035, "point_noise": 0.001},
@@ -264,34 +276,41 @@ def bands(seed: int, form: str, errors: str) -> Figures:
     return figures | {f"points of curves left out, mode {band.mode}": band.left_out for band in both}
 
 
-@cache
-def damped_curves() -> tuple[MeasuredCurve, ...]:
-    """Curves of damped pylons under a force at sensor 5 by harmonic balance, those that reach quadrature everywhere."""
-    (cubic,) = TRUTH.law("", (THETA,)).terms
-    law = Law((cubic, Term("signed_power_damping", (DAMPERS[0], 1.0)), Term("quadratic_damping", (DAMPERS[1],))))
-    specimen = Specimen(system(), law, RATIO, DRIVE)
+def whole_curves(specimen: Specimen) -> tuple[MeasuredCurve, ...]:
+    """Curves of a damped wing under a force by harmonic balance, those that reach quadrature everywhere."""
     curves = [
         quadrature_curve(
             specimen, mode=mode, sensor=sensor, controlled_sensor=CONTROLLED,
             amplitude=np.linspace(least, most, 20), harmonics=(1, 3),
         )
         for mode, (least, most) in zip(BENDING_MODES, AMPLITUDE_M, strict=True)
-        for sensor in system().sensors
+        for sensor in specimen.system.sensors
     ]  # fmt: skip
     return tuple(curve for curve in curves if len(curve.levels) == 20 and curve.converged.all())
 
 
-def damped_backbones(rng: np.random.Generator) -> tuple[MeasuredBackbone, ...]:
-    """These curves with errors: 2 % of calibration, 0.5 % of each force, 0.4 % of each linear frequency, shapes."""
+@cache
+def damped_curves() -> tuple[MeasuredCurve, ...]:
+    """Curves of damped pylons under a force at sensor 5."""
+    (cubic,) = TRUTH.law("", (THETA,)).terms
+    law = Law((cubic, Term("signed_power_damping", (DAMPERS[0], 1.0)), Term("quadratic_damping", (DAMPERS[1],))))
+    return whole_curves(Specimen(system(), law, RATIO, DRIVE))
+
+
+def damped_backbones(
+    true_system: JointedModes, curves: tuple[MeasuredCurve, ...], rng: np.random.Generator
+) -> tuple[MeasuredBackbone, ...]:
+    """Such curves with errors: 2 % of calibration, 0.5 % of each force, 0.4 % of each linear frequency, shapes."""
     gain, found = 1 + 0.02 * rng.standard_normal(), []
     # an error of the modal eigenvalue, which does not grow along the backbone
-    shift = {mode: 0.008 * rng.standard_normal() * system().eigenvalue[mode - 1] for mode in BENDING_MODES}
-    for curve in damped_curves():
-        true = convert_curve(curve, DRIVE)
+    modes = sorted({curve.mode for curve in curves})
+    shift = {mode: 0.008 * rng.standard_normal() * true_system.eigenvalue[mode - 1] for mode in modes}
+    for curve in curves:
+        true = convert_curve(curve, curve.sensors[4])
         shapes = true.amplitude + 0.005 * np.linalg.norm(true.amplitude, axis=1, keepdims=True) * rng.standard_normal(
             true.amplitude.shape
         )
-        shapes[:, true.sensors.index(CONTROLLED)] = true.controlled_amplitude
+        shapes[:, true.sensors.index(true.controlled_sensor)] = true.controlled_amplitude
         n = true.frequency_hz.size
         hz = np.sqrt(true.eigenvalue + shift[true.mode]) / (2 * np.pi) * (1 + 1e-4 * rng.standard_normal(n))
         force = gain * true.force_n * (1 + 0.005 * rng.standard_normal(n))
@@ -307,7 +326,7 @@ def damping(seed: int) -> Figures:
     sets = {"both": (linear, quadratic), "linear": (linear,), "quadratic": (quadratic,)}
     known = {mode: RATIO * np.exp(0.03 * rng.standard_normal()) for mode in BENDING_MODES}
     study = UpdatingStudy(
-        title="damping", structure=system(), backbones=damped_backbones(rng), seed=seed,
+        title="damping", structure=system(), backbones=damped_backbones(system(), damped_curves(), rng), seed=seed,
         classes=tuple(ModelClass(name, (*TRUTH.terms, *dampers)) for name, dampers in sets.items()),
         damping={mode: Prior("lognormal", ratio, 0.03) for mode, ratio in known.items()},
     )  # fmt: skip
@@ -323,6 +342,61 @@ def damping(seed: int) -> Figures:
         figures[f"error of the {each}, %"] = 100 * (estimate.value / own - 1)
         figures[f"standard deviation of the {each}, %"] = 100 * estimate.std / own
     return figures
+
+
+@cache
+def uneven_curves() -> tuple[JointedModes, tuple[MeasuredCurve, ...]]:
+    """The wing whose leaf springs differ, and its curves under a force at sensor 7."""
+    uneven = reduce(wing_engine_structure(WingEngine(leaf_asymmetry=0.05)), UPDATED)
+    return uneven, whole_curves(Specimen(uneven, TRUTH.law("", (THETA,)), RATIO, "7"))
+
+
+@cache
+def coupled_curves() -> tuple[JointedModes, tuple[MeasuredCurve, ...]]:
+    """The small structure of the tests, whose third harmonic moves its joints much, and its curves."""
+    coupled = two_pylons(0.05)
+    curves = [
+        quadrature_curve(
+            Specimen(coupled, CUBIC, COUPLED_RATIO, "plate 2"), mode=3, sensor=sensor, controlled_sensor="tip 1",
+            amplitude=np.linspace(2e-4, 2.5e-3, 60), harmonics=(1, 3),
+        )
+        for sensor in ("tip 1", "tip 2", "tip 3", "plate 2")
+    ]  # fmt: skip
+    return coupled, tuple(curves)
+
+
+def interaction(seed: int, structure: str, elsewhere: float = 0.0) -> Figures:
+    """Points in an interaction paired with it, taken as points of the smooth curve, and left out.
+
+    The frequencies of the modes that are met have an error of 0.4 %, or lie elsewhere by a fraction.
+    """
+    is_wing = structure == "wing"
+    true_system, curves = uneven_curves() if is_wing else coupled_curves()
+    model_class, theta, ratio = (TRUTH, THETA, RATIO) if is_wing else (COUPLED, 1.0, COUPLED_RATIO)
+    met = np.array([9, 10, 12] if is_wing else [8])
+    rng = np.random.default_rng(seed)
+    measured = tuple(replace(one, drive="", force_n=None) for one in damped_backbones(true_system, curves, rng))
+    eigenvalue = true_system.eigenvalue.copy()
+    eigenvalue[met] *= (1 + (elsewhere or 0.004 * rng.standard_normal())) ** 2
+    known = replace(true_system, eigenvalue=eigenvalue)
+    apart = [np.abs(3 * one.frequency_hz[:, None] / known.frequency_hz[met] - 1).min(axis=1) > 0.01 for one in measured]
+    fewer = tuple(
+        replace(one, frequency_hz=one.frequency_hz[kept], amplitude=one.amplitude[kept])
+        for one, kept in zip(measured, apart, strict=True)
+    )
+    whole = backbone_data(known, measured)
+    sets = {"paired": replace(whole, met_damping=ratio), "smooth": whole, "left out": backbone_data(known, fewer)}
+    figures, width = {"points left out, %": 100 * float(1 - np.concatenate(apart).mean())}, {}
+    for name, data in sets.items():
+        found = update_class(data, model_class, rng=np.random.default_rng(seed), n_samples=2200)
+        (estimate,) = found.estimates.values()
+        width[name] = estimate.std
+        told = any("do not use" in each or "leave those points out" in each for each in found.warnings)
+        figures[f"95 % interval holds, {name}"] = float(estimate.holds(theta))
+        figures[f"it holds or the points are told, {name}"] = float(told or estimate.holds(theta))
+        figures[f"error of theta, {name}, %"] = 100 * (estimate.value / theta - 1)
+        figures[f"standard deviation of theta, {name}, %"] = 100 * estimate.std / theta
+    return figures | {"width of the interval, paired over left out": width["paired"] / width["left out"]}
 
 
 def every_sensor(seed: int, errors: str, fault: str = "") -> Figures:
@@ -407,6 +481,8 @@ ROWS: dict[str, Row] = {
     "joint evidence": (joint_evidence, ("small", "mode"), 3),
     **{f"bands {form} {errors}": (bands, (form, errors), 30) for form in FORMS[:2] for errors in ERRORS},
     "damping": (damping, (), 60),
+    **{f"interaction {structure}": (interaction, (structure,), 30) for structure in ("wing", "coupled")},
+    **{f"interaction elsewhere {structure}": (interaction, (structure, 0.05), 10) for structure in ("wing", "coupled")},
     **{f"every sensor {errors}": (every_sensor, (errors,), 30) for errors in ERRORS},
     **{f"every sensor wrong {fault}": (every_sensor, ("small", fault), 10) for fault in ("law", "structure")},
     **{f"evidence {form} large": (evidence, (form, "large"), 10) for form in FORMS[:2]},

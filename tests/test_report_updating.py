@@ -130,7 +130,7 @@ def test_json_has_the_schema_and_is_strict(result):
     band = document["prediction"][0]
     assert set(band) == {
         *("mode", "sensor", "amplitude", "frequency_hz", "low_hz", "high_hz", "coverage", "left_out", "mode_left_out"),
-        *("is_measured", "sensors"),
+        *("is_measured", "sensors", "loop"),
     }
     assert {"warnings", "not_determined", "settings", "form", "title"} <= set(document)
 

@@ -52,6 +52,7 @@ class UpdatingThresholds:
     n_detunings: int = 61
     farthest_detuning: float = 3.0
     n_sweeps: int = 2
+    most_detuned: float = 2.5  # ... and from where on the structure has the mode elsewhere: by chance in one of 80
     detuning_step: float = 0.05  # step of their derivatives, in standard deviations: less than the width of a resonance
     # relative error of the damping ratio of the modes that are met: those of other modes are known no better
     damping_error: float = 0.5

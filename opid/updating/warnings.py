@@ -13,7 +13,12 @@ from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, ModeData
 from opid.updating.likelihood.curves import describe_failures, describe_points, make_curves, residuals
 from opid.updating.likelihood.force import ForceData
-from opid.updating.likelihood.interactions import describe_interactions, describe_lossy, describe_unpaired
+from opid.updating.likelihood.interactions import (
+    describe_interactions,
+    describe_lossy,
+    describe_misplaced,
+    describe_unpaired,
+)
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior
@@ -77,6 +82,7 @@ def warn_of_class(
         describe_interactions(data, model_class, best),
         describe_unpaired(data, model_class, best),
         describe_lossy(data),
+        describe_misplaced(data),
     )
     if diagnostics.effective_samples < UPDATING.few_samples:
         yield (
@@ -107,11 +113,12 @@ def warn_of_curves(
     met: Sequence[str],
     unpaired: Sequence[str] = (),
     lossy: Sequence[str] = (),
+    misplaced: Sequence[str] = (),
 ) -> Iterator[str]:
     """Yield warnings about the curves of the model: gaps, curves lost beside the posterior, modes that interact.
 
-    `gaps` and `lost` are from `describe_failures`, `met` is from `describe_interactions`, `unpaired` from
-    `describe_unpaired`, and `lossy` from `describe_lossy`.
+    `gaps` and `lost` are from `describe_failures`, `met` is from `describe_interactions`, `unpaired`, `lossy`
+    and `misplaced` are from `describe_unpaired`, `describe_lossy` and `describe_misplaced`.
     """
     if gaps:
         yield (
@@ -141,6 +148,11 @@ def warn_of_curves(
         yield (
             f"in {clause} lie within the resonance of a mode that a harmonic meets, whose losses move the frequency of "
             "quadrature in a way that the model does not have: do not use the intervals, leave those points out"
+        )
+    for clause in misplaced:
+        yield (
+            f"{clause}, farther than linear_error allows: the interaction lies elsewhere than in the structure, so do "
+            "not use the intervals; correct the structure, or leave out the points near the interaction"
         )
 
 

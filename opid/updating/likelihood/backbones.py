@@ -37,11 +37,14 @@ class ErrorGrowth:
         frequency: growth of the error of lambda, in units of 2 `linear_error`.
         shape: growth of the error of a shape, in units of `linear_shape_error`.
         patterns: (n_points, n) errors of lambda that do not grow with lambda, in the first unit.
+        detuning: (n_met,) most probable relative errors of the frequencies of the modes that a harmonic meets, over
+            `linear_error`; None where they are not looked for.
     """
 
     frequency: float
     shape: float
     patterns: FloatArray | None = None
+    detuning: FloatArray | None = None
 
     def with_patterns(self, patterns: FloatArray) -> ErrorGrowth:
         """Return these errors and those of further patterns, (n_points, n)."""

@@ -207,6 +207,7 @@ def _pair(data: BackboneData, mode: ModeData, model_class: ModelClass, theta: Fl
     # A pattern that is small beside the noise of a point is a part of it.
     counts = np.abs(patterns).max(axis=0) > UPDATING.least_pull_error * 2 * data.noise.point_noise * mode.linear
     errors = (mode.errors or ErrorGrowth.of(data.noise)).with_patterns(patterns[:, counts] / (2 * unit * mode.linear))
+    errors = replace(errors, detuning=detuning / unit)
     return with_noise(replace(mode, eigenvalue=at - shift), data.noise, errors)
 
 
@@ -348,9 +349,8 @@ def describe_unpaired(data: BackboneData, model_class: ModelClass, theta: FloatA
         noise = max(float(np.median(np.abs(error))) / 0.6745, 2 * data.noise.point_noise)
         patterns = np.zeros((error.size, 1)) if mode.errors.patterns is None else mode.errors.patterns
         allowed = np.hypot(noise, 2 * data.noise.linear_error * np.linalg.norm(patterns, axis=1))
-        off = (np.abs(error) > UPDATING.unpaired_sigma * allowed) & _is_near(
-            data, mode, met, UPDATING.interaction_reach
-        )
+        near = _is_near(data, mode, met, UPDATING.interaction_reach)
+        off = near & (np.abs(error) > UPDATING.unpaired_sigma * allowed)
         for sensor, _ in mode.parts:
             mine = off & (mode.sensor == sensor)
             if mine.any():
@@ -367,6 +367,26 @@ def _is_near(data: BackboneData, mode: ModeData, met: IntArray, reach: float) ->
     orders = np.array([h for h in data.harmonics if h > 1], dtype=np.float64)
     apart = np.sqrt(mode.eigenvalue)[:, None, None] * orders[:, None] / np.sqrt(data.system.eigenvalue[met]) - 1
     return np.asarray((np.abs(apart) <= reach).any(axis=(1, 2)))
+
+
+def describe_misplaced(data: BackboneData) -> list[str]:
+    """Return one clause for each mode whose points tell that a mode that is met lies elsewhere than in the structure.
+
+    `data` are those of `adapt_to_class`.
+    """
+    clauses = []
+    for mode in data.modes if data.met_damping is not None else ():
+        detuning = None if mode.errors is None else mode.errors.detuning
+        if detuning is None or np.abs(detuning).max() < UPDATING.most_detuned:
+            continue
+        worst = int(np.argmax(np.abs(detuning)))
+        own = find_met_modes(data, mode).columns[worst]
+        percent = 100 * data.noise.linear_error * abs(detuning[worst])
+        clauses.append(
+            f"the points of mode {mode.mode} have mode {own + 1} at {percent:.1f} % or more from "
+            f"{data.system.frequency_hz[own]:.4g} Hz"
+        )
+    return clauses
 
 
 def describe_lossy(data: BackboneData) -> list[str]:
