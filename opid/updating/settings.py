@@ -97,6 +97,11 @@ class UpdatingThresholds:
     rare: float = 1e-3
     # fraction of the measured growth of lambda; many curves may show a smaller misfit, but it does no harm
     least_misfit: float = 0.05
+    # fraction of that growth that a bump alike in all curves may have: that of points in a right interaction is 0.4 %,
+    # in one that the structure has elsewhere 1.6 % and more (tests/test_kept_interactions.py)
+    least_bump: float = 0.01
+    n_bump_parts: int = 10  # parts of the amplitude in which a bump is looked for: half of the points of a usual curve
+    fewest_alike: int = 3  # curves that must show a part, so that their scatter tells what is chance
     # rms error of the force over the amplitude, as a fraction, that calibration and noise do not explain: dampers of
     # another kind miss it by more
     least_force_misfit: float = 0.03

@@ -69,7 +69,8 @@ def warn_of_class(
     for pressure in find_pressures(chain.pooled, model_class.priors):
         yield f"theta_{pressure.parameter} {pressure.sentence}"
     misfits = lack_of_fit(data, model_class, best)
-    yield from warn_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
+    told = [*warn_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))]
+    yield from told or warn_of_bump(find_bumps(data, model_class, best))
     if data.force is not None and (error := find_force_error(data, data.force, model_class, best)) is not None:
         yield from warn_of_force(force_misfit(data.force, error, data.noise))
         yield from warn_of_force_level(data.force, error, data.noise)
@@ -199,6 +200,19 @@ def warn_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[st
         )
 
 
+def warn_of_bump(bumps: Sequence[LackOfFit]) -> Iterator[str]:
+    """Yield at most one sentence, on a bump that all curves of a mode have alike, larger than chance allows."""
+    large = [each for each in bumps if each.fraction > UPDATING.least_bump]
+    rare = [each for each in large if each.probability < UPDATING.rare / len(bumps)]
+    if rare:
+        worst = max(rare, key=lambda each: each.fraction)
+        yield (
+            f"with the best parameters a bump of {100 * worst.fraction:.1f} % of the measured growth of the "
+            f"frequencies of mode {worst.mode} is left, alike in all curves: another mode may pull them where the structure has no "
+            "interaction, or the law has another form there; do not use its intervals"
+        )
+
+
 def warn_of_force(misfits: Sequence[LackOfFit]) -> Iterator[str]:
     """Yield at most one sentence, on a misfit to the force of a mode that is large and not by chance."""
     rare = [each for each in misfits if each.probability < UPDATING.rare / len(misfits)]
@@ -281,6 +295,43 @@ def lack_of_fit(data: BackboneData, model_class: ModelClass, theta: FloatArray) 
         if not lost[0]:
             error = (mode.eigenvalue - mode.between @ eigenvalue[0]) / mode.linear
             found += _find_misfit(data, mode, error)
+    return tuple(found)
+
+
+def find_bumps(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> tuple[LackOfFit, ...]:
+    """Return what the errors of lambda with theta, (n_parameters,), have alike in all curves of each mode.
+
+    The errors are those that no offset, slope or pattern of the errors explains, averaged in parts of the amplitude.
+    The scatter between the curves gives the probability that their mean is chance. Modes with fewer than three curves,
+    and the paper's forms, have none.
+    """
+    from scipy.stats import f as fisher
+
+    found = []
+    for mode in data.modes:
+        eigenvalue, _, _, lost = make_curves(data, mode, model_class)(theta[None])
+        n_curves = int(mode.curve[-1]) + 1
+        if lost[0] or mode.errors is None or n_curves < UPDATING.fewest_alike:
+            continue
+        offsets = np.eye(n_curves)[mode.curve]
+        patterns = np.empty((mode.curve.size, 0)) if mode.errors.patterns is None else mode.errors.patterns
+        known = np.linalg.qr(np.column_stack([offsets, offsets * mode.growth[:, None], patterns]))[0]
+        error = (mode.eigenvalue - mode.between @ eigenvalue[0]) / mode.linear
+        error = error - known @ (known.T @ error)
+        last = UPDATING.n_bump_parts - 1
+        part = np.minimum((mode.relative_amplitude * UPDATING.n_bump_parts).astype(int), last)
+        squares, freedom = [], 0
+        for number in range(UPDATING.n_bump_parts):
+            mine = part == number
+            own = [float(error[mine & (mode.curve == curve)].mean()) for curve in np.unique(mode.curve[mine])]
+            if len(own) >= UPDATING.fewest_alike:
+                squares.append((np.mean(own) ** 2, np.var(own, ddof=1) / len(own)))
+                freedom += len(own) - 1
+        if not squares:
+            continue
+        alike, chance = np.mean(squares, axis=0)
+        fraction = float(np.sqrt(alike) / max(float((mode.eigenvalue / mode.linear).std()), 1e-30))
+        found.append(LackOfFit(mode.mode, fraction, float(fisher.sf(alike / chance, len(squares), freedom))))
     return tuple(found)
 
 
