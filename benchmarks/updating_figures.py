@@ -386,6 +386,9 @@ def interaction(seed: int, structure: str, elsewhere: float = 0.0) -> Figures:
     )
     whole = backbone_data(known, measured)
     sets = {"paired": replace(whole, met_damping=ratio), "smooth": whole, "left out": backbone_data(known, fewer)}
+    # what is left of the interval where no error of the linear structure grows with the motion
+    steady = backbone_data(known, measured, noise=NoiseSettings(linear_error_growth=0.0))
+    sets["paired, no error grows"] = replace(steady, met_damping=ratio)
     figures, width = {"points left out, %": 100 * float(1 - np.concatenate(apart).mean())}, {}
     for name, data in sets.items():
         found = update_class(data, model_class, rng=np.random.default_rng(seed), n_samples=2200)

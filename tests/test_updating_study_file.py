@@ -102,6 +102,19 @@ def test_what_is_written_is_read_back(place):
     assert abs(again.structure.stiffness_at({}) - study.structure.stiffness_at({})).max() == 0
 
 
+def test_points_in_an_interaction_are_kept_where_the_study_says_so(place):
+    study = study_of(place, 'interaction = "keep"\nmet_damping = 0.002\n' + STUDY)
+    assert (study.interaction, study.met_damping) == ("keep", 0.002)
+    target = place / "again" / "study.toml"
+    target.parent.mkdir()
+    write_study(study, target)
+    again = read_study(target)
+    assert (again.interaction, again.met_damping) == ("keep", 0.002)
+    refused(place, 'interaction = "keep"\n' + STUDY, "met_damping is missing and interaction 'keep'")
+    write_study(study_of(place, STUDY), target)
+    assert "interaction" not in target.read_text(encoding="utf-8")
+
+
 def test_what_may_be_left_out_has_its_default(place):
     text = STUDY[: STUDY.index("[sampling]")].replace('parameters = ["E"]', "").replace('E = ["lognormal", 1, 0.3]', "")
     study = study_of(place, text.replace('title = "A chain"', ""))

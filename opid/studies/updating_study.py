@@ -549,7 +549,7 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
             title=study.title,
             form=study.form,
             harmonics=study.harmonics,
-            interaction=study.interaction,
+            interaction=None if study.interaction == "omit" else study.interaction,
             met_damping=study.met_damping,
             structure=_Structure(
                 matrices="structure.npz",

@@ -54,7 +54,8 @@ def find_confusion(
                 force = draw_force(force, np.concatenate(losses), data.noise, rng)
             errors = [mode.errors or ErrorGrowth.of(data.noise) for mode in data.modes]
             known = (with_noise(mode, data.noise, each) for mode, each in zip(modes, errors, strict=True))
-            drawn = replace(data, modes=tuple(known), force=force)
+            # The sets are of the smooth backbone, which no other mode pulls.
+            drawn = replace(data, modes=tuple(known), force=force, met_damping=None)
             evidence = [estimate_evidence(drawn, other.model_class, rng) for other in classes]
             if max(evidence) > -np.inf:
                 chosen[number, int(np.argmax(evidence))] += 1.0 / n_sets

@@ -45,7 +45,8 @@ class UpdatingThresholds:
     least_span: float = 0.9
     # relative distance of a harmonic to a mode within which they may interact for some theta
     interaction_reach: float = 0.03
-    # largest error of the pull of a mode that is met over the noise of a point, below which it is a part of that noise
+    # rms error of the pull of a mode that is met over the noise of a point, below which it is a part of that noise: few
+    # points have all of it
     least_pull_error: float = 0.02
     # detunings of a mode that is met among which the most probable is searched, how far they reach in standard
     # deviations, and sweeps over several such modes

@@ -208,8 +208,8 @@ def warn_of_bump(bumps: Sequence[LackOfFit]) -> Iterator[str]:
         worst = max(rare, key=lambda each: each.fraction)
         yield (
             f"with the best parameters a bump of {100 * worst.fraction:.1f} % of the measured growth of the "
-            f"frequencies of mode {worst.mode} is left, alike in all curves: another mode may pull them where the structure has no "
-            "interaction, or the law has another form there; do not use its intervals"
+            f"frequencies of mode {worst.mode} is left, alike in all curves: another mode may pull them where the "
+            "structure has no interaction, or the law has another form there; do not use its intervals"
         )
 
 

@@ -204,9 +204,11 @@ def _pair(data: BackboneData, mode: ModeData, model_class: ModelClass, theta: Fl
     patterns = pull.find_patterns(at, damping, detuning, unit)
     # The pull is straight in the detuning near the one that the points tell, and the error counts from none.
     shift = pull.find_shift(at, damping, detuning) - patterns[:, :-1] @ (detuning / unit)
-    # A pattern that is small beside the noise of a point is a part of it.
-    counts = np.abs(patterns).max(axis=0) > UPDATING.least_pull_error * 2 * data.noise.point_noise * mode.linear
-    errors = (mode.errors or ErrorGrowth.of(data.noise)).with_patterns(patterns[:, counts] / (2 * unit * mode.linear))
+    # Patterns that are small beside the noise of a point are a part of it.
+    least = UPDATING.least_pull_error * data.noise.point_noise / unit
+    own, size, _ = np.linalg.svd(patterns / (2 * unit * mode.linear), full_matrices=False)
+    own = (own * size)[:, size > least * np.sqrt(at.size)]
+    errors = (mode.errors or ErrorGrowth.of(data.noise)).with_patterns(own)
     errors = replace(errors, detuning=detuning / unit)
     return with_noise(replace(mode, eigenvalue=at - shift), data.noise, errors)
 
