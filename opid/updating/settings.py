@@ -59,8 +59,8 @@ class UpdatingThresholds:
     damping_error: float = 0.5
     # maxima that are sought in turn with the interactions at the one before
     n_paired: int = 3
-    # fraction of the points of a mode within the resonance of one that is met, above which its losses decide: with 65 %
-    # (tests/test_kept_interactions.py) a coefficient is off by three of its standard deviations
+    # fraction of the points of a mode within the resonance of one that is met, above which its losses decide: with two
+    # thirds the coefficient of a small structure was off by three of its standard deviations, with a fifth by two
     most_within: float = 0.4
     most_steps_of_pull: int = 60  # steps, each half of the remaining one, by which a curve finds its own pull
     # standard deviations by which a point in an interaction may lie off the curve: no point of a sound set is as far
