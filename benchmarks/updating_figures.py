@@ -325,8 +325,9 @@ def damping(seed: int) -> Figures:
     quadratic = UncertainTerm("quadratic_damping", (DAMPERS[1],), (Prior(),))
     sets = {"both": (linear, quadratic), "linear": (linear,), "quadratic": (quadratic,)}
     known = {mode: RATIO * np.exp(0.03 * rng.standard_normal()) for mode in BENDING_MODES}
+    measured = damped_backbones(system(), damped_curves(), DRIVE, rng)
     study = UpdatingStudy(
-        title="damping", structure=system(), backbones=damped_backbones(system(), damped_curves(), DRIVE, rng), seed=seed,
+        title="damping", structure=system(), backbones=measured, seed=seed,
         classes=tuple(ModelClass(name, (*TRUTH.terms, *dampers)) for name, dampers in sets.items()),
         damping={mode: Prior("lognormal", ratio, 0.03) for mode, ratio in known.items()},
     )  # fmt: skip

@@ -63,6 +63,7 @@ class UpdatingThresholds:
     # thirds the coefficient of a small structure was off by three of its standard deviations, with a fifth by two
     most_within: float = 0.4
     most_steps_of_pull: int = 60  # steps, each half of the remaining one, by which a curve finds its own pull
+    n_weighings: int = 10  # fits of a curve's offset and slope, after which single points far off hardly count
     # standard deviations by which a point in an interaction may lie off the curve: no point of a sound set is as far
     unpaired_sigma: float = 5.0
     n_starts: int = 256  # draws of the prior among which the search for the maximum starts

@@ -141,8 +141,8 @@ def warn_of_curves(
         )
     for clause in unpaired:
         yield (
-            f"in {clause}: these points lie off every point of the model's curve that the stated damping leaves; the "
-            "interaction lies elsewhere or is stronger than in the linear structure, so do not use the intervals: "
+            f"in {clause}: these points lie off every point of the model's curve that the stated damping leaves, as on a "
+            "tongue, where one force moves another mode, or where the interaction lies elsewhere than in the structure: "
             "leave those points out, or correct met_damping or the structure"
         )
     for clause in lossy:

@@ -335,7 +335,7 @@ def _describe_meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArra
 def describe_unpaired(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> list[str]:
     """Return one clause for each mode and sensor with points near an interaction that lie off the curve of the model.
 
-    They are farther from the median of their curve than the noise and the error of the pull allow: a loop that the
+    They are farther from most points of their curve than the noise and the error of the pull allow: a loop that the
     stated damping does not leave, or an interaction that the linear structure has elsewhere. `data` are those of
     `adapt_to_class`, and theta, (n_parameters,), is the best.
     """
@@ -346,8 +346,7 @@ def describe_unpaired(data: BackboneData, model_class: ModelClass, theta: FloatA
         if not met.size or lost[0] or mode.errors is None:
             continue
         error = (mode.eigenvalue - mode.between @ eigenvalue[0]) / mode.linear
-        middle = np.array([np.median(error[mode.curve == curve]) for curve in range(mode.curve[-1] + 1)])
-        error = error - middle[mode.curve]
+        error = _remove_slopes(error, mode, 2 * data.noise.point_noise)
         noise = max(float(np.median(np.abs(error))) / 0.6745, 2 * data.noise.point_noise)
         patterns = np.zeros((error.size, 1)) if mode.errors.patterns is None else mode.errors.patterns
         allowed = np.hypot(noise, 2 * data.noise.linear_error * np.linalg.norm(patterns, axis=1))
@@ -362,6 +361,22 @@ def describe_unpaired(data: BackboneData, model_class: ModelClass, theta: FloatA
                     f"of {(mode.sensor == sensor).sum()} measured points) {_describe_meeting(data, met, hz)}"
                 )
     return clauses
+
+
+def _remove_slopes(error: FloatArray, mode: ModeData, noise: float) -> FloatArray:
+    """Return errors of lambda, (n_points,), without the offset and the slope that most points of each curve have.
+
+    The sum of the absolute values of what is left is smallest, except for values below the noise.
+    """
+    left = error.copy()
+    for curve in range(int(mode.curve[-1]) + 1):
+        mine = mode.curve == curve
+        columns = np.column_stack([np.ones(int(mine.sum())), mode.growth[mine]])
+        for _ in range(UPDATING.n_weighings):
+            weight = 1 / np.sqrt(np.maximum(np.abs(left[mine]), noise))
+            own = np.linalg.lstsq(columns * weight[:, np.newaxis], error[mine] * weight, rcond=None)[0]
+            left[mine] = error[mine] - columns @ own
+    return left
 
 
 def _is_near(data: BackboneData, mode: ModeData, met: IntArray, reach: float) -> NDArray[np.bool_]:
