@@ -13,12 +13,7 @@ from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, ModeData
 from opid.updating.likelihood.curves import describe_failures, describe_points, make_curves, residuals
 from opid.updating.likelihood.force import ForceData
-from opid.updating.likelihood.interactions import (
-    describe_interactions,
-    describe_lossy,
-    describe_misplaced,
-    describe_unpaired,
-)
+from opid.updating.likelihood.interactions import describe_interactions, warn_of_pairs
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior
@@ -81,10 +76,8 @@ def warn_of_class(
         describe_failures(data, model_class, near),
         describe_failures(data, model_class, far, lost=True),
         describe_interactions(data, model_class, best),
-        describe_unpaired(data, model_class, best),
-        describe_lossy(data),
-        describe_misplaced(data),
     )
+    yield from warn_of_pairs(data, model_class, best)
     if diagnostics.effective_samples < UPDATING.few_samples:
         yield (
             f"the samples are worth only {diagnostics.effective_samples:.0f} independent ones: intervals are rough, "
@@ -108,18 +101,10 @@ def warn_of_class(
                 yield f"the interval of {name} contains 0: the data do not need the term {own.key}"
 
 
-def warn_of_curves(
-    gaps: Sequence[str],
-    lost: Sequence[str],
-    met: Sequence[str],
-    unpaired: Sequence[str] = (),
-    lossy: Sequence[str] = (),
-    misplaced: Sequence[str] = (),
-) -> Iterator[str]:
+def warn_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:
     """Yield warnings about the curves of the model: gaps, curves lost beside the posterior, modes that interact.
 
-    `gaps` and `lost` are from `describe_failures`, `met` is from `describe_interactions`, `unpaired`, `lossy`
-    and `misplaced` are from `describe_unpaired`, `describe_lossy` and `describe_misplaced`.
+    `gaps` and `lost` are from `describe_failures`, `met` is from `describe_interactions`.
     """
     if gaps:
         yield (
@@ -138,22 +123,6 @@ def warn_of_curves(
             f"in {clause}: frequencies measured there may lie off the smooth backbone of the model, which leaves "
             "interactions out; leave those points out, or state interaction = 'keep' (continued_backbone follows an "
             "interaction)"
-        )
-    for clause in unpaired:
-        yield (
-            f"in {clause}: these points lie off every point of the model's curve that the stated damping leaves, as on a "
-            "tongue, where one force moves another mode, or where the interaction lies elsewhere than in the structure: "
-            "leave those points out, or correct met_damping or the structure"
-        )
-    for clause in lossy:
-        yield (
-            f"in {clause} lie within the resonance of a mode that a harmonic meets, whose losses move the frequency of "
-            "quadrature in a way that the model does not have: do not use the intervals, leave those points out"
-        )
-    for clause in misplaced:
-        yield (
-            f"{clause}, farther than linear_error allows: the interaction lies elsewhere than in the structure, so do "
-            "not use the intervals; correct the structure, or leave out the points near the interaction"
         )
 
 

@@ -12,6 +12,7 @@ does to the frequency depends on the sensor that is held in quadrature, so it is
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -330,6 +331,29 @@ def _describe_meeting(data: BackboneData, met: IntArray, frequency_hz: FloatArra
     apart = np.abs(orders[:, None, None] * frequency_hz / own[:, None] - 1).min(axis=2)
     order, nearest = np.unravel_index(np.argmin(apart), apart.shape)
     return f"harmonic {orders[order]} meets mode {met[nearest] + 1} at {own[nearest]:.4g} Hz"
+
+
+def warn_of_pairs(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> Iterator[str]:
+    """Yield warnings about points that are kept in an interaction.
+
+    `data` are those of `adapt_to_class`, and theta, (n_parameters,), is the best.
+    """
+    for clause in describe_unpaired(data, model_class, theta):
+        yield (
+            f"in {clause}: these points lie off every point of the model's curve that the stated damping leaves, as on "
+            "a tongue, where one force moves another mode, or where the interaction is not where the structure has it: "
+            "leave those points out, or correct met_damping or the structure"
+        )
+    for clause in describe_lossy(data):
+        yield (
+            f"in {clause} lie within the resonance of a mode that a harmonic meets, whose losses move the frequency of "
+            "quadrature in a way that the model does not have: do not use the intervals, leave those points out"
+        )
+    for clause in describe_misplaced(data):
+        yield (
+            f"{clause}, farther than linear_error allows: the interaction lies elsewhere than in the structure, so do "
+            "not use the intervals; correct the structure, or leave out the points near the interaction"
+        )
 
 
 def describe_unpaired(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> list[str]:
