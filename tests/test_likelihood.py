@@ -135,18 +135,24 @@ def test_an_error_of_the_linear_frequency_costs_the_recommended_form_little():
     assert means[0] == pytest.approx(means[1], abs=0.03)
 
 
-def test_curve_noise_is_the_integral_over_all_levels():
+@pytest.mark.parametrize("day", [None, (0, 1, 1), (0, 0, 0), (0, 1, 2)])
+def test_curve_noise_is_the_integral_over_all_levels(day):
     rng = np.random.default_rng(5)
     curve = np.repeat([0, 1, 2], 16)
     growth = np.tile(np.linspace(0, 0.2, 16), 3)
     between = np.stack([np.ones_like(growth), growth], axis=1)
     values = 1 + growth + 0.006 * rng.standard_normal(3)[curve] + 0.002 * rng.standard_normal(curve.size)
     settings = {"common_std": 0.008, "common_growth": 0.4, "own_growth": 3.0, "offset": 0.006, "expected": 0.002}
+    if day is not None:
+        settings |= {"day": np.array(day)[curve], "day_std": 0.003}
     noise = curve_noise(values[:, None], between, curve, growth, **settings)
     models = np.array([[1.0, 1.0], [1.0, 1.006], [1.003, 0.99]])
     offsets = np.eye(3)[curve]
     slopes = offsets * (growth - growth.mean())[:, None]
     common = 0.008**2 * (1 + 0.4**2 * np.outer(growth, growth))
+    if day is not None:
+        of_day = np.eye(3)[np.array(day)[curve]]
+        common += 0.003**2 * of_day @ of_day.T
     prior = invgamma(OWN_WEIGHT, scale=OWN_WEIGHT * 0.002**2)
     exact = []
     for model in models:
@@ -186,6 +192,47 @@ def test_drawn_errors_scatter_as_the_curves_do():
     drawn = draw_errors(noise, np.ones((4000, 1, 1)), np.tile(growth[:15], (4000, 1)), rng)[..., 0]
     assert drawn.std() == pytest.approx(np.hypot(0.006, 0.002), rel=0.15)
     assert (drawn - drawn.mean(axis=1, keepdims=True)).std() == pytest.approx(0.002, rel=0.1)
+
+
+def test_a_further_curve_is_of_a_further_day():
+    rng = np.random.default_rng(7)
+    curve = np.repeat(np.arange(40), 15)
+    growth = np.tile(np.linspace(0, 0.2, 15), 40)
+    day = curve // 4
+    values = 1 + 0.004 * rng.standard_normal(10)[day] + 0.0005 * rng.standard_normal(curve.size)
+    noise = curve_noise(
+        values[:, None], np.ones((curve.size, 1)), curve, growth, common_std=0.008, common_growth=0.0, own_growth=0.0,
+        offset=0.0005, expected=0.0005, day=day, day_std=0.004,
+    )  # fmt: skip
+    drawn = draw_errors(noise, np.ones((4000, 1, 1)), np.tile(growth[:15], (4000, 1)), rng)[..., 0]
+    assert drawn.mean(axis=1).std() == pytest.approx(0.004, rel=0.15)
+
+
+def test_days_that_differ_leave_the_law_as_well_known_if_they_are_named():
+    """The lower half of the amplitudes is measured on the first day, the upper one on the second."""
+    held, spread, theta = [], [], np.linspace(0.2, 3.2, 301)
+    for seed in range(8):
+        shifts = 1.0 + 0.02 * np.random.default_rng([8, seed]).standard_normal((2, 2))
+        measured = []
+        for number, one in enumerate(made.backbones(seed, offset_fraction=0.0005)):
+            late = number % 2
+            part = slice(6, None) if late else slice(0, 6)
+            shifted = one.frequency_hz[part] * shifts[late, one.mode - 2]
+            measured.append(replace(one, frequency_hz=shifted, amplitude=one.amplitude[part], day=f"day {late}"))
+        noise = NoiseSettings(linear_error=0.0005, day_offset=0.02, curve_offset=0.0005)
+        of_seed = []
+        for own in (measured, [replace(one, day="") for one in measured]):
+            data = backbone_data(made.system(), own, noise=noise)
+            log_density = made.log_likelihood(data, made.CUBIC, theta[:, None])
+            weight = np.exp(log_density - log_density.max())
+            weight /= weight.sum()
+            mean = weight @ theta
+            of_seed.append((abs(mean - made.TRUTH), np.sqrt(weight @ (theta - mean) ** 2)))
+        held.append(of_seed[0][0] < 2.2 * of_seed[0][1])
+        spread.append([each[1] for each in of_seed])
+    assert sum(held) >= 7
+    named, unnamed = np.mean(spread, axis=0)
+    assert named < 0.9 * unnamed
 
 
 def test_bad_input(measured):

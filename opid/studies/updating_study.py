@@ -140,6 +140,7 @@ class _Backbone:
     name: str | None = None
     unit: str | None = None
     drive: Annotated[_Dof | None, "the name of a sensor in quotes"] = None
+    day: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -454,15 +455,16 @@ def _read_backbones(
             if getattr(entry, key) is not None:
                 raise InputError(f"a result.json {why}: leave {key!r} out")
         modes = structure if isinstance(structure, JointedModes) else None
-        return read_result_backbones(
+        curves, error = read_result_backbones(
             file, mode=entry.mode, controlled_sensor=sensor, sensors=sensors, modes=modes, name=entry.name
         )
+        return [replace(curve, day=entry.day or "") for curve in curves], error
     unit = log.unit if entry.unit is None and log else entry.unit
     curve = read_backbone(
         file, mode=entry.mode, controlled_sensor=sensor, sensors=sensors, unit=unit, name=entry.name,
         drive=None if entry.drive is None else str(entry.drive),
     )  # fmt: skip
-    return [curve], 0.0
+    return [replace(curve, day=entry.day or "")], 0.0
 
 
 def find_term(text: str) -> str:
@@ -573,6 +575,7 @@ def _format_study(study: UpdatingStudy, structure: AffineStructure, files: Seque
                     controlled_sensor=curve.controlled_sensor,
                     name=None if Path(file).stem == curve.name else curve.name,
                     drive=curve.drive or None,
+                    day=curve.day or None,
                 )
                 for curve, file in zip(study.backbones, files, strict=True)
             ),

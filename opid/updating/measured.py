@@ -78,6 +78,7 @@ class MeasuredBackbone:
         drive: the sensor at which the force acts; "" where the force is not known.
         force_n: (n_points,) the part of the force that works, N: the work of a cycle over pi times the amplitude of the
             drive point, which is the force where it is in quadrature with the drive point; None where it is not known.
+        day: what the curves of one test day have in common, such as its date; "" where it is not known.
 
     Raises:
         InputError: too few points, counts that do not match, values that are not finite or not positive, an amplitude
@@ -93,6 +94,7 @@ class MeasuredBackbone:
     files: tuple[ReadFile, ...] = ()
     drive: str = ""
     force_n: FloatArray | None = None
+    day: str = ""
 
     def __post_init__(self) -> None:
         frequency, amplitude = (np.array(getattr(self, key), dtype=np.float64) for key in ("frequency_hz", "amplitude"))

@@ -66,6 +66,7 @@ class ModeData:
     parts: tuple[tuple[str, FloatArray], ...]
     between: FloatArray  # (n_points, n_nodes of all parts) matrix that takes values at the nodes to the measured points
     curve: IntArray  # (n_points,) number of the curve of each point, from 0
+    day: IntArray | None  # (n_points,) number of the test day of each point, from 0; None where no day is known
     eigenvalue: FloatArray  # (n_points,) measured lambda, 1/s^2
     sensor: NDArray[np.str_]  # (n_points,) name of the controlled sensor of each point
     amplitude: FloatArray  # (n_points,) amplitude of that sensor, m
@@ -211,8 +212,10 @@ def _make_mode_data(
     eigenvalue = np.concatenate([one.eigenvalue for one in curves])
     relative, growth = _find_growth(names, amplitude, eigenvalue / linear)
     free = np.delete(np.arange(len(sensors)), np.argmax(np.abs(shapes).mean(axis=0)))
+    days = [one.day for one in curves]
+    day = np.unique(days, return_inverse=True)[1][curve] if any(days) else None
     found = ModeData(
-        mode, tuple(parts), between, curve, eigenvalue, names, amplitude, relative, growth, shapes, free, rows, linear,
+        mode, tuple(parts), between, curve, day, eigenvalue, names, amplitude, relative, growth, shapes, free, rows, linear,
         cov, None, None, None,
     )  # fmt: skip
     return with_noise(found, noise, ErrorGrowth.of(noise)) if form == "recommended" else found
@@ -230,7 +233,7 @@ def with_noise(mode: ModeData, noise: NoiseSettings, errors: ErrorGrowth) -> Mod
     frequency_noise = curve_noise(
         (mode.eigenvalue / mode.linear)[:, None], *place, common_std=2 * noise.linear_error,
         offset=2 * noise.curve_offset, expected=2 * noise.point_noise, common_growth=errors.frequency,
-        own_growth=noise.curve_growth, patterns=errors.patterns,
+        own_growth=noise.curve_growth, patterns=errors.patterns, day=mode.day, day_std=2 * noise.day_offset,
     )  # fmt: skip
     shape_noise = None
     if noise.shapes and mode.free.size:
@@ -266,6 +269,7 @@ def without_curve(mode: ModeData, curve: int, noise: NoiseSettings) -> ModeData:
     per_point = ("between", "eigenvalue", "sensor", "amplitude", "relative_amplitude", "growth", "shapes")
     left = {name: getattr(mode, name)[kept] for name in per_point}
     numbers = np.unique(mode.curve[kept], return_inverse=True)[1]
+    left["day"] = None if mode.day is None else np.unique(mode.day[kept], return_inverse=True)[1]
     errors = replace(mode.errors, patterns=None if patterns is None else patterns[kept])
     return with_noise(replace(mode, curve=numbers, **left), noise, errors)
 

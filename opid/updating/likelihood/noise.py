@@ -46,6 +46,8 @@ class NoiseSettings:
             counts as much as one point.
         curve_offset: expected relative offset of the frequencies of a curve (imperfect quadrature); the actual offset
             is inferred, with a half normal prior of twice this scale.
+        day_offset: standard deviation of a relative offset of the frequencies that all curves of a test day have in
+            common, where the study names the days: temperature, and a structure that was mounted anew.
         curve_growth: growth of the offset of a curve while lambda doubles, in units of the noise of a point.
         linear_shape_error: standard deviation of the error of a linear shape of unit length at each sensor, for phase
             II only: in phase I the inferred scatter of the shapes includes the errors of the model.
@@ -73,6 +75,7 @@ class NoiseSettings:
     linear_error_growth: float | None = None
     point_noise: float = 0.0005
     curve_offset: float = 0.003
+    day_offset: float = 0.001
     curve_growth: float = 3.0
     linear_shape_error: float = 0.02
     shape_noise: float = 0.003
@@ -112,11 +115,41 @@ class NoiseSettings:
 
 
 @dataclass(frozen=True, eq=False)
+class Days:
+    """The offsets of test days, which are independent, as a mean and orthonormal contrasts.
+
+    Args:
+        std: standard deviation of the offset of a day, in units of that of the common errors.
+        constant: size of a constant error that also holds the mean offset of the days, in that unit.
+        contrasts: (n_points, n_days - 1) patterns of the differences between the days, in that unit.
+    """
+
+    std: float
+    constant: float
+    contrasts: FloatArray
+
+    @staticmethod
+    def of(day: NDArray[np.int64], std: float) -> Days:
+        """Return the offsets of the days of points, (n_points,), numbered from 0.
+
+        >>> days = Days.of(np.array([0, 0, 1]), 0.5)
+        >>> both = np.column_stack([np.full(3, days.constant), days.contrasts])
+        >>> np.round(both @ both.T, 6).tolist()  # 1, and 0.25 more on the same day
+        [[1.25, 1.25, 1.0], [1.25, 1.25, 1.0], [1.0, 1.0, 1.25]]
+        """
+        n = int(day.max()) + 1 if std > 0.0 else 1
+        # Any orthonormal columns across the mean are contrasts.
+        across = np.linalg.qr(np.column_stack([np.ones(n), np.eye(n)[:, : n - 1]]))[0][:, 1:]
+        return Days(std, float(np.sqrt(1.0 + std**2 / n)), std * across[day if n > 1 else np.zeros_like(day)])
+
+
+@dataclass(frozen=True, eq=False)
 class CurveNoise:
     """Measured curves with their errors, in coordinates in which the covariance is diagonal.
 
     The error of point j of curve c is  sum_k b_k g_kj  +  o_c + p_c (h_j - mean h of c)  +  e_cj: the common error of
-    all curves, of patterns g_k with Gaussian b_k, the first two of which are 1 and h; the offset of a curve, of
+    all curves, of patterns g_k with Gaussian b_k, the first two of which are 1 and h; the last ones may be contrasts
+    between test days, whose mean offset is a part of the first; the offset of a curve, of
     standard deviation rho sigma; its growth, of a fixed multiple of sigma; the noise of a point, of standard deviation
     sigma. h is the growth of the quantity by the nonlinearity. If the growths were as free as the offsets, all curves
     of a wrong law would take the slope that the law lacks. Of each ratio rho the common errors are turned so that they
@@ -136,6 +169,7 @@ class CurveNoise:
     common_scale: float  # unit of b_1
     # (1 + n_patterns, n_points) growth h of each point, and the patterns of the other common errors there
     patterns: FloatArray
+    days: Days  # the offsets of test days
     own_growth: float  # standard deviation of p_c over sigma
     expected: FloatArray  # (n_channels,) scale of the prior of sigma^2
     offset: float  # expected rho sigma
@@ -153,6 +187,8 @@ def curve_noise(
     offset: float,
     expected: float,
     patterns: FloatArray | None = None,
+    day: NDArray[np.int64] | None = None,
+    day_std: float = 0.0,
 ) -> CurveNoise:
     """Return the noise model of measured curves, (n_points, n_channels); channels have offsets and levels of their own.
 
@@ -160,9 +196,12 @@ def curve_noise(
     their curves from 0, and `growth`, (n_points,), is h, 0 in the linear range. `common_std` is the prior standard
     deviation of b_0, `common_growth` that of b_1 in units of it. `patterns`, (n_points, n_patterns), are those of
     further common errors in units of `common_std`. `offset` and `expected` are the expected standard deviations of a
-    curve's offset and of a point's noise.
+    curve's offset and of a point's noise. `day`, (n_points,), numbers the test days from 0, if they are known, and
+    `day_std` is the standard deviation of the offset of a day.
     """
     others = np.empty((len(growth), 0)) if patterns is None else patterns
+    days = Days.of(np.zeros(len(growth), dtype=np.int64) if day is None else day, day_std / common_std)
+    others = np.column_stack([others, days.contrasts])
     offsets = np.eye(int(curve[-1]) + 1)[curve]
     centred = growth - offsets @ ((offsets.T @ growth) / offsets.sum(axis=0))
     # Offsets and growths of all curves are orthogonal, so that every ratio has the same basis.
@@ -182,7 +221,7 @@ def curve_noise(
     shrink = 1 / (1 + np.outer(of_offsets, RATIOS**2) + own_growth**2 * of_growths[:, None])
     # A prior width of 0 would make the matrices singular: a tiny one leaves the slope out, too.
     scale = max(common_growth, 1e-6)
-    together = basis.T @ np.column_stack([np.ones_like(growth), scale * growth, others])
+    together = basis.T @ np.column_stack([np.full_like(growth, days.constant), scale * growth, others])
     precision, turn = np.linalg.eigh(np.einsum("ka,kg,kb->gab", together, shrink, together))
     common = np.einsum("gab,ka,kg->kbg", turn, together, shrink) / precision.T
     n_points = len(values)
@@ -192,7 +231,7 @@ def curve_noise(
     outside = ((values - basis @ rotated) ** 2).sum(axis=0)
     return CurveNoise(
         rotated, basis.T @ between, outside, n_points, shrink, common.reshape(len(shrink), -1), precision.T, turn,
-        constant, common_std**2, scale, np.column_stack([growth, others]).T, own_growth,
+        constant, common_std**2, scale, np.column_stack([growth, others]).T, days, own_growth,
         np.full(values.shape[1], OWN_WEIGHT * expected**2), offset,
     )  # fmt: skip
 
@@ -247,7 +286,8 @@ def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: n
     """Return errors of a further curve given the measured ones, (n, n_new, n_channels).
 
     For each row of the model, (n, n_nodes, n_channels), a ratio, a noise level and the common errors of each channel
-    are drawn from their posterior, then the offset of a new curve and the noise of its points. The errors are to be
+    are drawn from their posterior, then the offsets of a new curve and of its day, and the noise of its points. The
+    errors are to be
     added to the model's values where its growth is h, (n, n_new).
     """
     each, common, rate = _weigh_ratios(noise, model)
@@ -264,11 +304,17 @@ def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: n
     slope = noise.own_growth * sigma * rng.standard_normal(ratio.shape)
     points = sigma[:, np.newaxis] * rng.standard_normal((*growth.shape, ratio.shape[1]))
     centred = growth - growth.mean(axis=1, keepdims=True)
-    known = noise.patterns[:, np.argsort(noise.patterns[0])]
+    n_contrasts = noise.days.contrasts.shape[1]
+    known = noise.patterns[: len(noise.patterns) - n_contrasts, np.argsort(noise.patterns[0])]
     others = [np.interp(growth, known[0], pattern) for pattern in known[1:]]
-    patterns = np.stack([np.ones_like(growth), noise.common_scale * growth, *others], axis=2)
+    constant = np.full_like(growth, noise.days.constant)
+    patterns = np.stack([constant, noise.common_scale * growth, *others], axis=2)
+    if noise.days.std > 0.0:
+        # the new day beside the mean of the measured ones, which is in the common error
+        of_day = noise.days.std * np.sqrt(noise.common_variance * (1.0 + 1.0 / (1 + n_contrasts)))
+        offset = offset + of_day * rng.standard_normal(offset.shape)
     own: FloatArray = offset[:, np.newaxis] + centred[..., np.newaxis] * slope[:, np.newaxis] + points
-    return np.einsum("nca,nja->njc", b, patterns) + own
+    return np.einsum("nca,nja->njc", b[..., : patterns.shape[2]], patterns) + own
 
 
 def draw_linear_errors(patterns: FloatArray, n_channels: int, std: float, rng: np.random.Generator) -> FloatArray:
@@ -299,7 +345,8 @@ def draw_set(
     channels = np.arange(len(each))
     ratio = np.argmax(each + rng.gumbel(size=each.shape), axis=1)
     sigma = np.sqrt(rate[channels, ratio] / rng.gamma(_find_gamma_shape(noise), size=channels.size))
-    patterns = np.column_stack([np.ones_like(growth), noise.common_scale * growth, *noise.patterns[1:]])
+    constant = np.full_like(growth, noise.days.constant)
+    patterns = np.column_stack([constant, noise.common_scale * growth, *noise.patterns[1:]])
     common = patterns @ (np.sqrt(noise.common_variance) * rng.standard_normal((patterns.shape[1], channels.size)))
     of_curve = np.eye(int(curve[-1]) + 1)[curve]
     centred = growth - of_curve @ ((of_curve.T @ growth) / of_curve.sum(axis=0))
