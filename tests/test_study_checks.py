@@ -11,7 +11,7 @@ from scipy import linalg
 
 from opid.errors import InputError
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.updating.checks import backbone_faults, nominal_modes, sensor_faults, warn_of_overlaps
+from opid.updating.checks import backbone_faults, day_faults, nominal_modes, warn_of_overlaps
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import structure_faults
@@ -128,20 +128,14 @@ def test_a_symmetric_structure_has_modes_without_its_joint():
         UpdatingStudy("x", one, (replace(curve, mode=5),), (made.CUBIC,))
 
 
-def test_curves_of_a_mode_have_the_same_sensors():
+def test_curves_of_a_mode_may_have_other_sensors_and_have_all_a_day_or_none():
     whole = curve_of()
     fewer = replace(whole, name="b", sensors=DOFS[1:], amplitude=whole.amplitude[:, 1:])
-    (fault,) = sensor_faults([whole, fewer, curve_of(2, name="c")])
-    assert "backbone 'b' of mode 1 lacks the sensor(s) a of 'first'" in fault
-    turned = replace(whole, name="d", sensors=DOFS[::-1], amplitude=whole.amplitude[:, ::-1])
-    (fault,) = sensor_faults([whole, turned])
-    assert "backbone 'd' of mode 1 has the sensors of 'first' in another order" in fault
-    (fault,) = sensor_faults([whole, *(replace(fewer, name=f"b{k}") for k in range(3))])
-    assert "each of 3 backbones ('b0' and 2 others) of mode 1 lacks the sensor(s) a of 'first'" in fault
-    (fault,) = sensor_faults([fewer, whole])
-    assert "backbone 'b' of mode 1 lacks the sensor(s) a of 'first'" in fault
-    with pytest.raises(InputError, match="leave out sensors that one of them lacks"):
-        UpdatingStudy("x", small_chain(), (whole, fewer), (made.CUBIC,))
+    UpdatingStudy("x", small_chain(), (whole, fewer), (made.CUBIC,))
+    (fault,) = day_faults([replace(whole, day="1 May"), fewer, curve_of(2, name="c")])
+    assert fault.startswith("backbone 'b' of mode 1 has no day, and others of this mode have one")
+    with pytest.raises(InputError, match="name the day of each, or of none"):
+        UpdatingStudy("x", small_chain(), (replace(whole, day="1 May"), fewer), (made.CUBIC,))
 
 
 EVEN = ModelClass("uneven", (UncertainTerm("even_quadratic_stiffness", (1e5,), (Prior(),)),))

@@ -18,26 +18,15 @@ from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes
 
 
-def sensor_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
-    """Yield which curves of one mode have different sensors, for shapes are compared entry by entry."""
-    for mode, (first, *others) in by_mode(backbones).items():
-        alike: dict[tuple[str, ...], list[str]] = {}
-        for each in others:
-            alike.setdefault(each.sensors, []).append(each.name)
-        for sensors, names in alike.items():
-            lacking = ", ".join(name for name in first.sensors if name not in sensors)
-            more = ", ".join(name for name in sensors if name not in first.sensors)
-            subject, other = f"{_name_backbones(names)} of mode {mode}", f"backbone {first.name!r} of mode {mode}"
-            advice = "give all curves of a mode the same sensors, and leave out sensors that one of them lacks"
-            if lacking:
-                yield f"{subject} lacks the sensor(s) {lacking} of {first.name!r}: {advice}"
-            if more:
-                yield f"{other} lacks the sensor(s) {more} of {shortened(names)}: {advice}"
-            if sensors != first.sensors and not (lacking or more):
-                yield (
-                    f"{subject} has the sensors of {first.name!r} in another order: give all curves of a mode the same "
-                    "order"
-                )
+def day_faults(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
+    """Yield which modes have curves with a day and others without one, which then may be of any day."""
+    for mode, curves in by_mode(backbones).items():
+        without = [one.name for one in curves if not one.day]
+        if 0 < len(without) < len(curves):
+            yield (
+                f"{_name_backbones(without)} of mode {mode} has no day, and others of this mode have one: name the day "
+                "of each, or of none"
+            )
 
 
 def _name_backbones(names: Sequence[str]) -> str:

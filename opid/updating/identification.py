@@ -168,11 +168,11 @@ def _choose_linear_errors(study: UpdatingStudy) -> LinearErrors:
         scatters = len({float(one.frequency_hz[0]) for one in curves}) > 1
         # One curve has no scatter, and curves with equal beginnings have none: the expected offset replaces it.
         cov[mode] = "inferred" if scatters else 2 * noise.curve_offset
-        n_sensors = len(curves[0].sensors)
-        if n_sensors < 2:
+        n_free = sum(len(one.sensors) - 1 for one in curves)
+        if not n_free:
             continue  # one sensor has no shape
         # The error of a shape cannot be inferred if the factors can fit the shape exactly.
-        freedom = len(curves) * (n_sensors - 1) - len(study.parameters)
+        freedom = n_free - len(study.parameters)
         expected = float(np.hypot(noise.shape_offset, noise.linear_shape_error))
         shape_std[mode] = "inferred" if len(curves) > 1 or freedom > 0 else expected
     return {"cov": cov, "shape_std": shape_std, "common_error": common}

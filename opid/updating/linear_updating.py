@@ -162,12 +162,18 @@ def _make_mode_table(
     table = []
     for each in data:
         mode = each.mode - 1
-        before, after = (float(modal_assurance(each.shapes.T, shapes[each.rows, mode]).mean()) for _, shapes in found)
+        before, after = (_find_assurance(each, shapes[each.rows, mode]) for _, shapes in found)
         identified = float(np.sqrt(each.eigenvalue).mean() / (2 * np.pi))
         initial, updated = (float(hz[mode]) for hz, _ in found)
         shape = found[0][1][each.rows, mode]
         table.append(LinearMode(each.mode, identified, initial, updated, before, after, shape))
     return tuple(table)
+
+
+def _find_assurance(data: LinearData, shape: FloatArray) -> float:
+    """Return the mean MAC of the measured shapes of a mode with one of the structure, over the sensors of each."""
+    each = [modal_assurance(own[seen], shape[seen]) for own, seen in zip(data.shapes, data.seen, strict=True)]
+    return float(np.mean(each))
 
 
 def _list_warnings(

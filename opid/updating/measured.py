@@ -183,6 +183,18 @@ def by_mode(backbones: Iterable[MeasuredBackbone]) -> dict[int, list[MeasuredBac
     return {mode: [one for one in curves if one.mode == mode] for mode in sorted({one.mode for one in curves})}
 
 
+def list_sensors(curves: Sequence[MeasuredBackbone]) -> tuple[str, ...]:
+    """Return the sensors of any of the curves."""
+    return tuple(dict.fromkeys(name for one in curves for name in one.sensors))
+
+
+def spread_sensors(values: FloatArray, own: Sequence[str], sensors: Sequence[str]) -> FloatArray:
+    """Return values of some sensors, (..., n_own), as columns of all, (..., n_sensors), 0 for the others."""
+    found = np.zeros((*values.shape[:-1], len(sensors)))
+    found[..., [sensors.index(name) for name in own]] = values
+    return found
+
+
 def reached_extensions(system: JointedModes, backbones: Iterable[MeasuredBackbone]) -> dict[int, float]:
     """Return the largest extension of a joint in the tests of each mode, m, by the linear shape of the mode."""
     reached: dict[int, float] = {}

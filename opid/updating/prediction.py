@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.errors import NotDeterminedError
 from opid.mechanics.backbones.family import BackboneFamily
@@ -12,7 +13,7 @@ from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, IntArray, ModeData, shape_noise_of, without_curve
 from opid.updating.likelihood.curves import Curves, describe_points, make_curves, make_solver, weigh_as_recommended
 from opid.updating.likelihood.interactions import adapt_to_class, find_loop, find_pulled
-from opid.updating.likelihood.noise import draw_errors, draw_linear_errors
+from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, draw_errors, draw_linear_errors
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.result import BackboneBand, ClassPosterior, SensorBand
 from opid.updating.settings import UPDATING
@@ -74,12 +75,12 @@ def _make_band(
     sensors: tuple[SensorBand, ...] = ()
     # Draws of their own leave those of the other modes what they are without them.
     (own,) = rng.spawn(1)
-    fractions = _leave_curves_out(data, mode, posterior, own)
+    of_frequency, of_sensors = _leave_curves_out(data, mode, posterior, own)
     if at_nodes is not None:
-        sensors = _band_sensors(data, mode, found, growth, at_nodes, curves, fractions[1:], own)
+        sensors = _band_sensors(data, mode, found, growth, at_nodes, curves, of_sensors, own)
     return BackboneBand(
         mode.mode, sensor, amplitude, band[1], band[0], band[2], _cover(np.abs(held), hz, amplitude, band),
-        fractions[0] if fractions else None, _leave_mode_out(data, mode, posterior, own), sensors=sensors,
+        of_frequency, _leave_mode_out(data, mode, posterior, own), sensors=sensors,
         loop=find_loop(data, mode, posterior.model_class, posterior.best, amplitude),
     )  # fmt: skip
 
@@ -140,7 +141,7 @@ def _cover(held: FloatArray, values: FloatArray, amplitude: FloatArray, band: Fl
 
 @dataclass(frozen=True, eq=False)
 class _RelativeMotions:
-    """The motions of the sensors of a mode over that of the controlled one, as channels of a noise model.
+    """Motions of sensors of a mode over that of the controlled one, as channels of a noise model.
 
     The likelihood compares shapes of unit length, whose length fixes one entry. At a given amplitude of the controlled
     sensor its entry is the one that is fixed: the channels are the other entries over it, so that an error that curves
@@ -148,22 +149,35 @@ class _RelativeMotions:
     """
 
     controlled: int  # column of the controlled sensor
-    others: IntArray  # (n_others,) columns of the other sensors
+    others: IntArray  # (n_others,) columns of other sensors, which the same curves have
+    points: NDArray[np.bool_]  # (n_points,) whether each point has them and the controlled sensor
     unit: FloatArray  # (n_others,) motion over that of the controlled sensor, for a unit of each channel
 
     def relate(self, shapes: FloatArray) -> FloatArray:
         """Return the channels, (..., n_others), of shapes (..., n_sensors)."""
         return shapes[..., self.others] / (shapes[..., [self.controlled]] * self.unit)
 
+    def make_noise(self, mode: ModeData, noise: NoiseSettings, kept: NDArray[np.bool_] | None = None) -> CurveNoise:
+        """Return the noise model of these motions as the curves of a mode have them, or those of the `kept` points."""
+        assert mode.errors is not None  # The recommended form has noise models.
+        points = self.points if kept is None else self.points & kept
+        return shape_noise_of(mode, points, self.relate(mode.shapes[points]), noise, mode.errors)
 
-def _find_motions(data: BackboneData, mode: ModeData) -> _RelativeMotions | None:
-    """Return the motions that the curves of a mode tell; None where their shapes are not used."""
-    if mode.shape_noise is None:
-        return None
+
+def _find_motions(data: BackboneData, mode: ModeData) -> list[_RelativeMotions]:
+    """Return the motions that the curves of a mode tell, by the curves that have them; none without shapes."""
+    if all(each.noise is None for each in mode.shape_sets):
+        return []
     controlled = int(np.flatnonzero(mode.rows == data.system.sensor(mode.parts[0][0]))[0])
-    others = np.delete(np.arange(mode.rows.size), controlled)
-    usual = np.sqrt(np.mean(mode.shapes**2, axis=0))
-    return _RelativeMotions(controlled, others, find_units(usual, controlled)[others])
+    seen = mode.seen & mode.seen[:, [controlled]]
+    kinds, kind = np.unique(seen, axis=1, return_inverse=True)
+    found = []
+    for points, number in zip(kinds.T, range(kinds.shape[1]), strict=True):
+        others = np.setdiff1d(np.flatnonzero(kind.ravel() == number), controlled)
+        if points.any() and others.size:
+            usual = np.sqrt(np.mean(mode.shapes[points] ** 2, axis=0))
+            found.append(_RelativeMotions(controlled, others, points, find_units(usual, controlled)[others]))
+    return found
 
 
 def find_units(shapes: FloatArray, controlled: int) -> FloatArray:
@@ -194,21 +208,20 @@ def _band_sensors(
     growth: FloatArray,
     at_nodes: Curves,
     curves: list[MeasuredBackbone],
-    fractions: list[float],
+    fractions: dict[int, float],
     rng: np.random.Generator,
 ) -> tuple[SensorBand, ...]:
-    """Return the band of each sensor but the controlled one; `fractions` are those of curves that were left out."""
+    """Return the band of each sensor but the controlled one; `fractions`, by the column, are of curves left out."""
     assert mode.errors is not None  # The recommended form has noise models.
-    system, motions = data.system, _find_motions(data, mode)
+    system = data.system
     controlled = system.sensor(found.sensor)
     relative = draw_motions(found, controlled, growth, data.noise.linear_shape_error, mode.errors.shape, rng)
-    left_out: dict[int, float] = {}
-    if motions is not None:
-        noise = shape_noise_of(mode, motions.relate(mode.shapes), data.noise, mode.errors)
-        rows = mode.rows[motions.others]
-        errors = draw_errors(noise, motions.relate(at_nodes[1]), growth, rng)
-        relative[..., rows] = found.shapes[..., rows] / found.shapes[..., [controlled]] + motions.unit * errors
-        left_out = dict(zip(rows.tolist(), fractions, strict=False))
+    for each in _find_motions(data, mode):
+        noise = each.make_noise(mode, data.noise)
+        rows = mode.rows[each.others]
+        errors = draw_errors(noise, each.relate(at_nodes[1]), growth, rng)
+        relative[..., rows] = found.shapes[..., rows] / found.shapes[..., [controlled]] + each.unit * errors
+    left_out = {int(mode.rows[column]): fraction for column, fraction in fractions.items()}
     relative[at_nodes[3]] = np.nan
     bands = []
     for row, sensor in enumerate(system.sensors):
@@ -230,38 +243,37 @@ def _band_sensors(
 
 def _leave_curves_out(
     data: BackboneData, mode: ModeData, posterior: ClassPosterior, rng: np.random.Generator
-) -> list[float]:
+) -> tuple[float | None, dict[int, float]]:
     """Return which fractions of the points of a mode lie within the bands that its other curves give.
 
-    The first is that of the frequency, the others are those of the motions that the curves tell; there is none where
-    there are no other curves. Each curve is left out in turn: the samples of the posterior get the weight of the
-    likelihood of all curves but that one over the likelihood of all.
+    The first is that of the frequency, the others are those of the motions that the curves tell, by the column of the
+    sensor; there is none where no other curve has them. Each curve is left out in turn: the samples of the posterior
+    get the weight of the likelihood of all curves but that one over the likelihood of all.
     """
     n_curves = int(mode.curve[-1]) + 1
     if mode.frequency_noise is None or n_curves < 2:
-        return []
+        return None, {}
     at_nodes, shapes = _draw_curves(data, mode, posterior, UPDATING.n_predicted, rng)
     if not len(at_nodes):
-        return []
-    motions, held = _find_motions(data, mode), []
+        return None, {}
+    motions = _find_motions(data, mode)
+    held, inside = [], np.full(mode.shapes.shape, np.nan)
     whole = weigh_as_recommended(mode, at_nodes, shapes)
     for curve in range(n_curves):
         rest, mine = without_curve(mode, curve, data.noise), mode.curve == curve
         chosen = _choose(weigh_as_recommended(rest, at_nodes, shapes) - whole, rng)
         eigenvalue, model = at_nodes[chosen] @ mode.between[mine].T, at_nodes[chosen][..., None] / mode.linear
         assert rest.frequency_noise is not None
-        assert rest.errors is not None
         growth = eigenvalue / mode.linear - 1
         drawn = eigenvalue[..., None] + mode.linear * draw_errors(rest.frequency_noise, model, growth, rng)
-        values = mode.eigenvalue[mine, None]
-        if motions is not None:
-            noise = shape_noise_of(rest, motions.relate(rest.shapes), data.noise, rest.errors)
-            model = motions.relate(shapes[chosen])
-            moved = mode.between[mine] @ model + draw_errors(noise, model, growth, rng)
-            drawn = np.concatenate([drawn, moved], axis=2)
-            values = np.concatenate([values, motions.relate(mode.shapes[mine])], axis=1)
-        held.append(_lie_within(values, drawn))
-    return [float(fraction) for fraction in np.concatenate(held).mean(axis=0)]
+        held.append(_lie_within(mode.eigenvalue[mine, None], drawn))
+        for each in motions:
+            if each.points[mine].any() and (each.points & ~mine).any():
+                noise, model = each.make_noise(mode, data.noise, ~mine), each.relate(shapes[chosen])
+                moved = mode.between[mine] @ model + draw_errors(noise, model, growth, rng)
+                inside[np.ix_(mine, each.others)] = _lie_within(each.relate(mode.shapes[mine]), moved)
+    told = {column: float(np.nanmean(row)) for column, row in enumerate(inside.T) if np.isfinite(row).any()}
+    return float(np.concatenate(held).mean()), told
 
 
 def _leave_mode_out(

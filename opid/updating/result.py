@@ -14,7 +14,14 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
-from opid.updating.measured import MeasuredBackbone, Place, by_mode, reached_extensions
+from opid.updating.measured import (
+    MeasuredBackbone,
+    Place,
+    by_mode,
+    list_sensors,
+    reached_extensions,
+    spread_sensors,
+)
 from opid.updating.model_class import ModelClass, OneParameter
 from opid.updating.sampling.chains import Chain, Diagnostics
 from opid.updating.sampling.evidence import Evidence
@@ -325,15 +332,20 @@ class Updating(Result):
         initial = {} if self.linear is None else {each.mode: each.initial_shape for each in self.linear.modes}
         found = []
         for mode, curves in by_mode(self.measured).items():
-            sensors = curves[0].sensors
+            sensors = list_sensors(curves)
             if len(sensors) < 2 or mode > self.system.n_modes:
                 continue
-            lowest = np.array([curve.amplitude[0] for curve in curves])
-            shapes = lowest / np.linalg.norm(lowest, axis=1, keepdims=True)
-            # The sign of a shape is arbitrary, but that of all sensors together.
-            measured = (shapes * np.sign(shapes @ shapes[0])[:, None]).mean(axis=0)
             rows = [self.system.sensor(sensor) for sensor in sensors]
             structure = self.system.at_sensors[rows, self.system.index(mode)]
+            lowest = np.array([spread_sensors(curve.amplitude[0], curve.sensors, sensors) for curve in curves])
+            seen = np.array([[name in curve.sensors for name in sensors] for curve in curves])
+            # What a curve with fewer sensors sees is a part of the shape, as large as that of the structure.
+            part = np.linalg.norm(seen * structure, axis=1) / np.linalg.norm(structure)
+            shapes = (lowest.T / np.linalg.norm(lowest, axis=1) * part).T
+            # The sign of a shape is arbitrary, but that of all sensors together.
+            turn = np.sign(shapes @ structure)
+            turned = (shapes * (turn * turn[0])[:, None]).sum(axis=0)
+            measured = turned / seen.sum(axis=0)
             before = _scale_shape(initial[mode], measured) if mode in initial else None
             found.append(ModeShape(mode, sensors, measured, _scale_shape(structure, measured), before))
         return tuple(found)

@@ -16,7 +16,7 @@ from opid.mechanics.backbones.harmonic_balance import harmonics_of
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.law import Term
 from opid.result import first_lines
-from opid.updating.checks import mode_faults, sensor_faults, shortened
+from opid.updating.checks import day_faults, mode_faults, shortened
 from opid.updating.likelihood.backbones import FORMS, Form, coefficient_of_variation, scatter_fault
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone, Place, by_mode
@@ -220,7 +220,7 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
             several = f"{len(names)} backbones ({shortened(names)}) have" if len(names) > 1 else ""
             subject = several or f"backbone {names[0]!r} has"
             yield f"{subject} the sensors {', '.join(unknown)}, which the structure does not have"
-    yield from sensor_faults(study.backbones)
+    yield from day_faults(study.backbones)
     yield from _find_place_faults(study)
     yield from prediction_faults(study.prediction, study.form, study.structure.sensors, study.backbones)
     if isinstance(study.structure, JointedModes):

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from opid.errors import InputError, nearest
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.signals.recording import FloatArray
-from opid.updating.checks import joint_fault, sensor_faults
+from opid.updating.checks import day_faults, joint_fault
 from opid.updating.likelihood.force import ForceData
 from opid.updating.likelihood.noise import CurveNoise, NoiseSettings, curve_noise, draw_set
-from opid.updating.measured import MeasuredBackbone, by_mode
+from opid.updating.measured import MeasuredBackbone, by_mode, list_sensors, spread_sensors
 from opid.updating.settings import UPDATING
 from opid.updating.structure.factored_modes import FactoredModes
 
@@ -58,6 +58,34 @@ class ErrorGrowth:
 
 
 @dataclass(frozen=True, eq=False)
+class ShapeSet:
+    """The curves of a mode that have the same sensors.
+
+    Args:
+        points: (n_points,) whether each point of the mode is one of theirs.
+        columns: (n_own,) columns of their sensors among all of the mode.
+        free: (n_own - 1,) places of the sensors among these, without that of the largest entry, which the unit length
+            fixes.
+        is_all: whether these are all sensors of the mode.
+        noise: noise model of the free entries of the shapes; None where shapes are not used.
+    """
+
+    points: NDArray[np.bool_]
+    columns: IntArray
+    free: IntArray
+    is_all: bool
+    noise: CurveNoise | None = None
+
+    def find_length(self, shapes: FloatArray) -> FloatArray:
+        """Return the length of the part that the set sees, (..., 1), of shapes (..., n_sensors)."""
+        return np.asarray(np.linalg.norm(shapes[..., self.columns], axis=-1, keepdims=True))
+
+    def take(self, shapes: FloatArray) -> FloatArray:
+        """Return what the set sees, with unit length, (..., n_own), of unit shapes of all sensors (..., n_sensors)."""
+        return shapes if self.is_all else shapes[..., self.columns] / self.find_length(shapes)
+
+
+@dataclass(frozen=True, eq=False)
 class ModeData:
     """The curves of one mode, ready to be compared with a model that is solved at a few amplitudes."""
 
@@ -74,15 +102,21 @@ class ModeData:
     relative_amplitude: FloatArray
     # (n_points,) growth of lambda / linear from the lowest point, smoothed over the amplitude
     growth: FloatArray
-    shapes: FloatArray  # (n_points, n_sensors) measured shapes of unit length
-    # (n_sensors - 1,) columns of the shapes without that of the largest entry, which the unit length fixes
-    free: IntArray
+    shapes: FloatArray  # (n_points, n_sensors) measured shapes of unit length, 0 where a curve lacks the sensor
+    shape_sets: tuple[ShapeSet, ...]  # the curves by their sensors
     rows: IntArray  # (n_sensors,) rows of these sensors in the system
     linear: float  # lambda of the mode without nonlinearity, 1/s^2
     cov: float  # coefficient of variation of lambda over the curves; nan where it is not known
     frequency_noise: CurveNoise | None  # noise model of lambda / linear, for the recommended form
-    shape_noise: CurveNoise | None  # noise model of the free entries of the shapes
     errors: ErrorGrowth | None  # growth of the errors of the linear structure in these noise models
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(n_points, n_sensors) whether the curve of a point has the sensor."""
+        found = np.zeros(self.shapes.shape, dtype=bool)
+        for each in self.shape_sets:
+            found[np.ix_(each.points, each.columns)] = True
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,16 +166,16 @@ def backbone_data(
         noise: settings for the errors.
 
     Raises:
-        InputError: no backbone, an unknown form, sensors that the system does not have, curves of one mode with
-            different sensors, a mode that extends no joint, or one whose coefficient of variation is needed and follows
-            neither from the curves nor from `noise`.
+        InputError: no backbone, an unknown form, sensors that the system does not have, a mode of which only some
+            curves have a day, one that extends no joint, or one whose coefficient of variation is needed and follows neither
+            from the curves nor from `noise`.
     """
     noise = noise or NoiseSettings()
     if form not in FORMS:
         raise InputError(f"there is no likelihood {form!r}: {nearest(form, FORMS)}")
     if not measured:
         raise InputError("there is no measured backbone: give at least one")
-    for fault in sensor_faults(measured):
+    for fault in day_faults(measured):
         raise InputError(fault)
     modes = []
     for mode, curves in by_mode(measured).items():
@@ -191,9 +225,9 @@ def _make_mode_data(
         raise InputError(f"mode {mode} has no stiffness (0 Hz): a backbone needs an elastic mode")
     for fault in joint_fault(system, mode):
         raise InputError(fault)
-    sensors = curves[0].sensors
+    sensors = list_sensors(curves)
     rows = np.array([system.sensor(name) for name in sensors])
-    shapes = np.concatenate([one.amplitude[:, [one.sensors.index(name) for name in sensors]] for one in curves])
+    shapes = np.concatenate([spread_sensors(one.amplitude, one.sensors, sensors) for one in curves])
     shapes = shapes / np.linalg.norm(shapes, axis=1, keepdims=True)
     parts, blocks = [], []
     controlled = [one.controlled_sensor for one in curves]
@@ -211,12 +245,12 @@ def _make_mode_data(
     curve = np.repeat(np.arange(len(curves)), [one.frequency_hz.size for one in curves])
     eigenvalue = np.concatenate([one.eigenvalue for one in curves])
     relative, growth = _find_growth(names, amplitude, eigenvalue / linear)
-    free = np.delete(np.arange(len(sensors)), np.argmax(np.abs(shapes).mean(axis=0)))
     days = [one.day for one in curves]
     day = np.unique(days, return_inverse=True)[1][curve] if any(days) else None
     found = ModeData(
-        mode, tuple(parts), between, curve, day, eigenvalue, names, amplitude, relative, growth, shapes, free, rows, linear,
-        cov, None, None, None,
+        mode, tuple(parts), between, curve, day, eigenvalue, names, amplitude, relative, growth, shapes,
+        _find_sets(shapes, curve, [[name in one.sensors for name in sensors] for one in curves]), rows, linear, cov,
+        None, None,
     )  # fmt: skip
     return with_noise(found, noise, ErrorGrowth.of(noise)) if form == "recommended" else found
 
@@ -230,30 +264,61 @@ def with_noise(mode: ModeData, noise: NoiseSettings, errors: ErrorGrowth) -> Mod
         errors: the growth of the errors of the linear structure.
     """
     place: Any = (mode.between, mode.curve, mode.growth)
+    # An error of the structure that several sets see is taken as one of each, which together tell as much as one.
+    often = float(np.sqrt(len(mode.shape_sets)))
+    sets = []
+    for each in mode.shape_sets:
+        values = each.take(mode.shapes[each.points])[:, each.free]
+        own = shape_noise_of(mode, each.points, values, noise, errors, often) if values.size and noise.shapes else None
+        sets.append(replace(each, noise=own))
     frequency_noise = curve_noise(
         (mode.eigenvalue / mode.linear)[:, None], *place, common_std=2 * noise.linear_error,
         offset=2 * noise.curve_offset, expected=2 * noise.point_noise, common_growth=errors.frequency,
         own_growth=noise.curve_growth, patterns=errors.patterns, day=mode.day, day_std=2 * noise.day_offset,
     )  # fmt: skip
-    shape_noise = None
-    if noise.shapes and mode.free.size:
-        shape_noise = shape_noise_of(mode, mode.shapes[:, mode.free], noise, errors)
-    return replace(mode, frequency_noise=frequency_noise, shape_noise=shape_noise, errors=errors)
+    return replace(mode, frequency_noise=frequency_noise, shape_sets=tuple(sets), errors=errors)
 
 
-def shape_noise_of(mode: ModeData, values: FloatArray, noise: NoiseSettings, errors: ErrorGrowth) -> CurveNoise:
+def shape_noise_of(
+    mode: ModeData,
+    points: NDArray[np.bool_],
+    values: FloatArray,
+    noise: NoiseSettings,
+    errors: ErrorGrowth,
+    often: float = 1.0,
+) -> CurveNoise:
     """Return the noise model of quantities whose errors are those of entries of a shape of unit length.
 
     Args:
         mode: the curves.
-        values: (n_points, n_channels) these quantities as they were measured.
+        points: (n_points,) whether a point has these quantities.
+        values: (n_kept, n_channels) these quantities as they were measured there.
         noise: the settings of their errors.
         errors: the growth of the errors of the linear structure.
+        often: factor of the error of the linear structure.
     """
     return curve_noise(
-        values, mode.between, mode.curve, mode.growth, common_std=noise.linear_shape_error, offset=noise.shape_offset,
-        expected=noise.shape_noise, common_growth=errors.shape, own_growth=noise.curve_growth,
+        values, mode.between[points], _number(mode.curve[points]), mode.growth[points],
+        common_std=often * noise.linear_shape_error, offset=noise.shape_offset, expected=noise.shape_noise,
+        common_growth=errors.shape, own_growth=noise.curve_growth,
     )  # fmt: skip
+
+
+def _number(names: IntArray) -> IntArray:
+    """Return numbers from 0 in the place of larger ones with gaps."""
+    return np.asarray(np.unique(names, return_inverse=True)[1], dtype=np.int64)
+
+
+def _find_sets(shapes: FloatArray, curve: IntArray, sensed: Sequence[Sequence[bool]]) -> tuple[ShapeSet, ...]:
+    """Return the curves by their sensors; `sensed` tells of each curve which sensors of the mode it has."""
+    kinds, kind = np.unique(np.array(sensed), axis=0, return_inverse=True)
+    sets = []
+    for number, has in enumerate(kinds):
+        points, columns = kind.ravel()[curve] == number, np.flatnonzero(has)
+        largest = int(np.argmax(np.abs(shapes[points][:, columns]).mean(axis=0)))
+        free = np.delete(np.arange(columns.size), largest)
+        sets.append(ShapeSet(points, columns, free, columns.size == shapes.shape[1]))
+    return tuple(sets)
 
 
 def without_curve(mode: ModeData, curve: int, noise: NoiseSettings) -> ModeData:
@@ -268,10 +333,10 @@ def without_curve(mode: ModeData, curve: int, noise: NoiseSettings) -> ModeData:
     kept, patterns = mode.curve != curve, mode.errors.patterns
     per_point = ("between", "eigenvalue", "sensor", "amplitude", "relative_amplitude", "growth", "shapes")
     left = {name: getattr(mode, name)[kept] for name in per_point}
-    numbers = np.unique(mode.curve[kept], return_inverse=True)[1]
-    left["day"] = None if mode.day is None else np.unique(mode.day[kept], return_inverse=True)[1]
+    left["day"] = None if mode.day is None else _number(mode.day[kept])
+    sets = tuple(replace(each, points=each.points[kept]) for each in mode.shape_sets if each.points[kept].any())
     errors = replace(mode.errors, patterns=None if patterns is None else patterns[kept])
-    return with_noise(replace(mode, curve=numbers, **left), noise, errors)
+    return with_noise(replace(mode, curve=_number(mode.curve[kept]), shape_sets=sets, **left), noise, errors)
 
 
 def draw_curves(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray, rng: np.random.Generator) -> ModeData:
@@ -286,12 +351,17 @@ def draw_curves(mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray, rng:
     assert mode.frequency_noise is not None  # The recommended form has noise models.
     place: Any = (mode.between, mode.curve, mode.growth, rng)
     relative = draw_set(mode.frequency_noise, (eigenvalue / mode.linear)[:, None], *place)[:, 0]
-    seen = mode.between @ shapes
-    if mode.shape_noise is not None:
-        seen[:, mode.free] = draw_set(mode.shape_noise, shapes[:, mode.free], *place)
-        largest = np.setdiff1d(np.arange(seen.shape[1]), mode.free)
-        left = np.maximum(1.0 - np.sum(seen[:, mode.free] ** 2, axis=1), 0.0)
-        seen[:, largest] = np.sign(seen[:, largest]) * np.sqrt(left)[:, None]
+    seen = np.zeros(mode.shapes.shape)
+    for each in mode.shape_sets:
+        model, points = each.take(shapes), each.points
+        own = mode.between[points] @ model
+        if each.noise is not None:
+            where: Any = (mode.between[points], _number(mode.curve[points]), mode.growth[points], rng)
+            own[:, each.free] = draw_set(each.noise, model[:, each.free], *where)
+            largest = np.setdiff1d(np.arange(own.shape[1]), each.free)
+            left = np.maximum(1.0 - np.sum(own[:, each.free] ** 2, axis=1), 0.0)
+            own[:, largest] = np.sign(own[:, largest]) * np.sqrt(left)[:, None]
+        seen[np.ix_(points, each.columns)] = own
     amplitude, growth = _find_growth(mode.sensor, mode.amplitude, relative)
     return replace(mode, eigenvalue=mode.linear * relative, shapes=seen, relative_amplitude=amplitude, growth=growth)
 

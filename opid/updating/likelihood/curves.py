@@ -22,7 +22,14 @@ from opid.mechanics.backbones.family import (
     take_samples,
 )
 from opid.signals.recording import FloatArray
-from opid.updating.likelihood.backbones import LEAST_APART, BackboneData, MetModes, ModeData, find_met_modes
+from opid.updating.likelihood.backbones import (
+    LEAST_APART,
+    BackboneData,
+    MetModes,
+    ModeData,
+    ShapeSet,
+    find_met_modes,
+)
 from opid.updating.likelihood.noise import log_marginal, log_marginal_slopes
 from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
@@ -94,10 +101,11 @@ def slopes_function(data: BackboneData, model_class: ModelClass) -> LikelihoodSl
             value, of_nodes = log_marginal_slopes(mode.frequency_noise, eigenvalue[..., None] / mode.linear)
             total += value
             gradient += np.einsum("nk,nkd->nd", of_nodes[..., 0], by_value) / mode.linear
-            if mode.shape_noise is not None:
-                value, of_nodes = log_marginal_slopes(mode.shape_noise, shapes[..., mode.free])
-                total += value
-                gradient += np.einsum("nks,nksd->nd", of_nodes, by_shape[:, :, mode.free])
+            for each in mode.shape_sets:
+                if each.noise is not None:
+                    value, of_nodes = log_marginal_slopes(each.noise, each.take(shapes)[..., each.free])
+                    total += value
+                    gradient += np.einsum("nks,nksd->nd", of_nodes, _take_slopes(each, shapes, by_shape))
             impossible |= lost
         impossible |= ~np.isfinite(gradient).all(axis=1)
         return np.where(impossible, -np.inf, total), np.where(impossible[:, None], 0.0, gradient)
@@ -116,9 +124,17 @@ def weigh_as_recommended(mode: ModeData, eigenvalue: FloatArray, shapes: FloatAr
     if mode.frequency_noise is None:
         raise NotDeterminedError("the backbones were not prepared for the recommended form: call backbone_data with it")
     total = log_marginal(mode.frequency_noise, eigenvalue[..., None] / mode.linear)
-    if mode.shape_noise is not None:
-        total = total + log_marginal(mode.shape_noise, shapes[..., mode.free])
+    for each in mode.shape_sets:
+        if each.noise is not None:
+            total = total + log_marginal(each.noise, each.take(shapes)[..., each.free])
     return total
+
+
+def _take_slopes(each: ShapeSet, shapes: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Return the derivatives, (..., n_free, d), of the free entries that a set sees of unit shapes."""
+    if not each.is_all:
+        slopes = normalise_slopes(each.take(shapes), slopes[..., each.columns, :] / each.find_length(shapes)[..., None])
+    return slopes[..., each.free, :]
 
 
 def residuals(mode: ModeData, eigenvalue: FloatArray) -> FloatArray:
@@ -130,27 +146,28 @@ def residuals(mode: ModeData, eigenvalue: FloatArray) -> FloatArray:
 
 def _weigh_as_in_paper(data: BackboneData, mode: ModeData, eigenvalue: FloatArray, shapes: FloatArray) -> FloatArray:
     """Return the log likelihood of one mode by eqs. (12) and (17), with one of three sums over points."""
-    noise, n_sensors = data.noise, mode.rows.size
-    weight_of_mode = noise.weight_of(mode.mode)
+    noise, weight_of_mode = data.noise, data.noise.weight_of(mode.mode)
     sigma = weight_of_mode * mode.cov * mode.eigenvalue
+    n_sensors = mode.seen.sum(axis=1)
     factor = noise.shape_factor if noise.shape_factor is not None else np.sqrt(n_sensors)
-    sigma_phi = factor * weight_of_mode * mode.cov
+    sigma_phi = np.broadcast_to(factor * weight_of_mode * mode.cov, sigma.shape)
     score = residuals(mode, eigenvalue) / sigma
     of_curve = np.eye(mode.curve[-1] + 1)[mode.curve]
     weight = of_curve / (1.0 if data.form == "independent" else of_curve.sum(axis=0))
     misfit = ((score @ weight) ** 2 if data.form == "literal" else score**2 @ weight).sum(axis=1)
     n_errors, log_sigmas = sigma.size, np.log(sigma).sum()
-    if noise.shapes and n_sensors > 1:
-        misfit = misfit + (_find_shape_misfit(mode, shapes) @ weight).sum(axis=1) / sigma_phi**2
+    if noise.shapes and n_sensors.max() > 1:
+        misfit = misfit + (_find_shape_misfit(mode, shapes) / sigma_phi**2 @ weight).sum(axis=1)
         # The unit length fixes one entry of a shape.
-        n_free = len(mode.shapes) * (n_sensors - 1)
-        n_errors, log_sigmas = n_errors + n_free, log_sigmas + n_free * np.log(sigma_phi)
+        n_free = n_sensors - 1
+        n_errors, log_sigmas = n_errors + n_free.sum(), log_sigmas + n_free @ np.log(sigma_phi)
     return -0.5 * n_errors * np.log(2 * np.pi) - log_sigmas - 0.5 * misfit
 
 
 def _find_shape_misfit(mode: ModeData, shapes: FloatArray) -> FloatArray:
     """Return e_phi^T e_phi of every point, which is exactly 1 - MAC (Song eq. 11)."""
     model = np.einsum("jk,nks->njs", mode.between, shapes, optimize=True)
+    model = np.where(mode.seen, model, 0.0)
     return 1 - np.einsum("njs,js->nj", model, mode.shapes) ** 2 / np.einsum("njs,njs->nj", model, model)
 
 

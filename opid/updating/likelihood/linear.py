@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from opid.errors import InputError, nearest, require_positive
 from opid.signals.recording import FloatArray
-from opid.updating.checks import sensor_faults
-from opid.updating.measured import MeasuredBackbone, by_mode
+from opid.updating.measured import MeasuredBackbone, by_mode, list_sensors, spread_sensors
 from opid.updating.model_class import Prior
 from opid.updating.sampling.chains import LogDensity, posterior_density
 from opid.updating.structure.affine import AffineStructure
@@ -52,7 +51,8 @@ class LinearData:
 
     mode: int  # number of the mode, from 1
     eigenvalue: FloatArray  # (n_sets,) measured eigenvalues, 1/s^2
-    shapes: FloatArray  # (n_sets, n_sensors) measured shapes of unit length
+    shapes: FloatArray  # (n_sets, n_sensors) measured shapes of unit length, 0 where a curve lacks the sensor
+    seen: NDArray[np.bool_]  # (n_sets, n_sensors) whether each curve has the sensor
     rows: FloatArray  # (n_sensors,) indices of these sensors among the sensors of the structure
     eigenvalue_std: FloatArray  # (n_sets,) sigma_lambda = w CoV lambda (Song eq. 5), 1/s^2
     shape_std: float  # sigma_phi of an entry of the shape (eq. 6)
@@ -74,14 +74,11 @@ def linear_data(
 ) -> tuple[LinearData, ...]:
     """Return the lowest points of backbones, by mode, with the standard deviations of eqs. (5) and (6).
 
-    The errors are those of `LinearErrors`. InputError: no backbone, a sensor that the structure does not have, curves
-    of one mode with different sensors, a single curve or curves without scatter where that is to be estimated, or
-    values that are not positive.
+    The errors are those of `LinearErrors`. InputError: no backbone, a sensor that the structure does not have, a
+    single curve or curves without scatter where that is to be estimated, or values that are not positive.
     """
     if not backbones:
         raise InputError("no backbone is given: measure at least one")
-    for fault in sensor_faults(backbones):
-        raise InputError(fault)
     curves_of = by_mode(backbones)
     for what, given, words in (("cov", cov, ("scatter", "inferred")), ("shape_std", shape_std, ("paper", "inferred"))):
         for mode in given if isinstance(given, Mapping) else ():
@@ -103,11 +100,12 @@ def linear_data(
         _ = None if number is None else require_positive(what, number)
     found = []
     for mode, curves in curves_of.items():
-        sensors, one_shape = curves[0].sensors, _pick_mode(shape_std, mode, "paper")
+        sensors, one_shape = list_sensors(curves), _pick_mode(shape_std, mode, "paper")
         for sensor in sensors:
             if sensor not in structure.sensors:
+                owner = next(curve for curve in curves if sensor in curve.sensors)
                 raise InputError(
-                    f"the backbone {curves[0].name!r} has the sensor {sensor!r}, which the structure does not have: "
+                    f"the backbone {owner.name!r} has the sensor {sensor!r}, which the structure does not have: "
                     f"{nearest(sensor, structure.sensors)}"
                 )
         if len(sensors) < 2 and one_shape != "paper":
@@ -116,7 +114,7 @@ def linear_data(
             )
         one_cov = _pick_mode(cov, mode, "scatter")
         eigenvalue = np.array([curve.eigenvalue[0] for curve in curves])
-        lowest = np.array([curve.amplitude[0] for curve in curves])
+        lowest = np.array([spread_sensors(curve.amplitude[0], curve.sensors, sensors) for curve in curves])
         spread = _find_variation(mode, eigenvalue, one_cov)
         factor = float(np.sqrt(len(sensors))) if shape_factor is None else shape_factor
         guess = factor * spread if one_shape == "paper" else 1.0
@@ -126,6 +124,7 @@ def linear_data(
                 mode,
                 eigenvalue,
                 lowest / np.linalg.norm(lowest, axis=1, keepdims=True),
+                np.array([[name in curve.sensors for name in sensors] for curve in curves]),
                 rows=np.array([structure.sensors.index(sensor) for sensor in sensors]),
                 eigenvalue_std=own * spread * eigenvalue,
                 shape_std=own * (guess if isinstance(one_shape, str) else require_positive("shape_std", one_shape)),
@@ -192,12 +191,12 @@ def _weigh_eigenvalues(data: LinearData, found: FloatArray) -> FloatArray:
 
 def _weigh_shapes(data: LinearData, unit: FloatArray) -> FloatArray:
     """Return the log density of the shapes, by 1 - MAC; the model's own shape has no error here."""
-    n_sets, n_sensors = data.shapes.shape
-    square = (1 - (unit @ data.shapes.T) ** 2).sum(axis=1) / data.shape_std**2
+    length = 1.0 if data.seen.all() else np.maximum(unit**2 @ data.seen.T, 1e-300)
+    square = (1 - (unit @ data.shapes.T) ** 2 / length).sum(axis=1) / data.shape_std**2
     # The unit length fixes one entry of a shape.
-    free = n_sensors - 1
-    density = _weigh_normal_errors(square, np.zeros_like(square), n_sets, free, 0.0, data.infer_shape_std)
-    return density - n_sets * free * np.log(data.shape_std)
+    n_free = int((data.seen.sum(axis=1) - 1).sum())
+    density = _weigh_normal_errors(square, np.zeros_like(square), n_free, 1, 0.0, data.infer_shape_std)
+    return density - n_free * np.log(data.shape_std)
 
 
 def _weigh_normal_errors(
