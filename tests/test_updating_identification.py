@@ -208,6 +208,27 @@ def test_everything_wrong_is_said_at_once():
     assert "seed is" in str(caught.value)
 
 
+def test_curves_with_other_sensors_on_other_days_give_one_answer():
+    curves = []
+    for number, one in enumerate(made.backbones(5)):
+        kept = ("left", "twist", "right") if number % 3 == 0 else one.sensors
+        amplitude = one.amplitude[:, [one.sensors.index(name) for name in kept]]
+        curves.append(replace(one, sensors=kept, amplitude=amplitude, day=f"day {number % 2}"))
+    both = update_study(study(backbones=tuple(curves), n_confused=2))
+    assert both.best_class == "cubic"
+    assert both.classes[0].estimates["theta_1"].holds(made.TRUTH)
+    for band in both.prediction:
+        assert 0.8 < band.left_out <= 1.0
+        told = {each.sensor: each.left_out for each in band.sensors}
+        assert all(0.7 < told[name] <= 1.0 for name in ("plate", "bend", "twist", "right"))
+    for shape in both.mode_shapes:
+        truth = both.system.at_sensors[[both.system.sensor(name) for name in shape.sensors], shape.mode - 1]
+        measured = np.array(shape.measured) / np.linalg.norm(shape.measured)
+        assert abs(measured @ truth) / np.linalg.norm(truth) > 0.999
+    in_paper = update_study(study(backbones=tuple(curves), form="paper", classes=(made.CUBIC,)))
+    assert abs(in_paper.classes[0].estimates["theta_1"].value - made.TRUTH) < 0.1
+
+
 def test_curves_that_are_left_out_lie_in_the_band_of_the_others():
     found = update_study(study(classes=(made.CUBIC,)))
     for band in found.prediction:

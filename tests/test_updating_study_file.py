@@ -203,6 +203,16 @@ def test_modes_to_predict_are_read_and_written(place):
     refused(place, STUDY + table.replace("1e-4", "1"), "[prediction]: amplitude_m is [1", "give a smallest")
 
 
+def test_days_of_the_tests_are_read_and_written(place):
+    study = study_of(place, STUDY.replace('controlled_sensor = "tip"', 'controlled_sensor = "tip"\nday = "2 March"'))
+    assert {curve.day for curve in study.backbones} == {"2 March"}
+    (place / "again").mkdir()
+    write_study(study, place / "again" / "study.toml")
+    assert [curve.day for curve in read_study(place / "again" / "study.toml").backbones] == ["2 March"] * len(
+        study.backbones
+    )
+
+
 COORDINATES = """
 [structure.coordinates]
 a = [0, 0, 0]
@@ -286,7 +296,7 @@ def test_what_update_study_would_refuse_is_said_when_the_study_is_read(place):
     other = curve_of(name="b")
     write_backbone(replace(other, sensors=DOFS[1:], amplitude=other.amplitude[:, 1:]), place / "b.csv")
     twice = STUDY + '[[backbones]]\nfile = "b.csv"\nmode = 1\ncontrolled_sensor = "tip"\n'
-    refused(place, twice, "backbone 'b' of mode 1 lacks the sensor(s) a of 'first'")
+    refused(place, twice + 'day = "1 May"\n', "of mode 1 has no day, and others of this mode have one")
 
 
 def test_a_joint_that_the_mode_does_not_extend_is_said_when_the_study_is_read(place):
