@@ -167,8 +167,8 @@ def backbone_data(
 
     Raises:
         InputError: no backbone, an unknown form, sensors that the system does not have, a mode of which only some
-            curves have a day, one that extends no joint, or one whose coefficient of variation is needed and follows neither
-            from the curves nor from `noise`.
+            curves have a day, one that extends no joint, or one whose coefficient of variation is needed and follows
+            neither from the curves nor from `noise`.
     """
     noise = noise or NoiseSettings()
     if form not in FORMS:
