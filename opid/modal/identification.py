@@ -358,8 +358,7 @@ def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) 
         return None
     warnings += [found.dropped] if found.dropped else []
     # Powers alone are known better from the equation, which is linear in them.
-    has_joint = found.fit.friction.value is not None or found.fit.slip.value is not None
-    return found if found.couplings or has_joint else None
+    return found if found.couplings or found.fit.joint_estimates.terms else None
 
 
 def _fit_decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[tuple[int, str]]]:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.special import beta, betainc
 
 from opid.errors import InputError, nearest
-from opid.estimate import Estimate
 from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.laws.kind import Parameter
 from opid.mechanics.laws.kinds import LAWS
@@ -26,7 +25,6 @@ from opid.mechanics.laws.law import LINEAR, Law, Term
 from opid.mechanics.memory import find_steady_loop
 from opid.mechanics.structure import Sliders
 from opid.modal.settings import MODAL, SIMULATED
-from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
 Values = tuple[float, ...]
@@ -74,6 +72,16 @@ class JointKind:
         """Return all parameters of the kind, the amplitude and the travel first."""
         return (*fitted, *self.held)
 
+    def find_factors(self, values: Values, force: float, length: float) -> Values:
+        """Return what leads from values that are counted in a force and a length to SI units."""
+        if self.is_slip:
+            return force / length ** (2.0 + values[1]), 1.0
+        return (force, length, 1.0, 1.0)[: self.n_fitted]
+
+    def count_powers(self, values: Values) -> Values:
+        """Return the power of the motion whose force each value makes, 0 of a travel; 1 of a value without a unit."""
+        return (2.0 + values[1], 1.0) if self.is_slip else (0.0, 0.0, 1.0, 1.0)[: self.n_fitted]
+
     def may_vibrate(self, values: Values) -> bool:
         """Whether the averages of a joint of these values over a cycle exist."""
         if self.is_slip:
@@ -85,17 +93,20 @@ class JointKind:
             return _is_within(inner[0], MODAL.searched_spreads) and inner[1] > MODAL.least_jump
         return not inner or _is_within(inner[0], MODAL.searched_sharpness)
 
-    def is_possible(self, values: Values) -> bool:
-        """Whether a joint may have these values: it takes energy out and needs no endless force."""
-        if not (self.may_vibrate(values) and values[0] >= 0.0):
-            return False
-        inner = self.complete(values)[2:]
-        lowest, highest = MODAL.slip_exponents
+    @property
+    def ranges(self) -> tuple[tuple[float, float], ...]:
+        """The range of each value that a joint may have: it takes energy out and needs no endless force."""
+        force, (lowest, highest) = (0.0, math.inf), MODAL.slip_exponents
         if self.is_slip:
-            return lowest < values[1] < highest
-        if self.name == IWAN:
-            return lowest < 1.0 / inner[0] - 2.0 < highest and inner[1] >= 0.0
-        return not inner or inner[0] >= 1.0
+            return force, (lowest, highest)
+        spread, sharpness = (1.0 / (2.0 + highest), 1.0 / (2.0 + lowest)), (1.0, MODAL.searched_sharpness[1])
+        inner = (spread, (0.0, math.inf)) if self.name == IWAN else (sharpness,)
+        return (force, MODAL.searched_travels, *inner)[: self.n_fitted]
+
+    def is_possible(self, values: Values) -> bool:
+        """Whether a joint may have these values."""
+        is_inside = all(low <= value <= high for value, (low, high) in zip(values, self.ranges, strict=True))
+        return is_inside and self.may_vibrate(values)
 
     def is_determined(self, values: FloatArray, std: FloatArray) -> bool:
         """Whether all values stand out of their standard deviations, and the largest motion, 1, makes all slide."""
@@ -342,6 +353,15 @@ class JointTerms:
     kind: str = ""
     values: Values = ()
 
+    @classmethod
+    def of_kind(cls, friction: float, kind: JointKind | None, values: Values) -> JointTerms:
+        """Return friction beside a joint of a kind, of which `values` are those that are fitted."""
+        if kind is None:
+            return cls(friction)
+        if kind.is_slip:
+            return cls(friction, values[0], values[1])
+        return cls(friction, kind=kind.name, values=kind.complete(values))
+
     def find_softening(self, amplitude: FloatArray) -> FloatArray:
         """Return by how much joints lower the secant stiffness at amplitudes, force per unit mass over displacement."""
         slipped = self.slip * slip_softening(self.exponent) * amplitude ** (1.0 + self.exponent)
@@ -428,27 +448,3 @@ class ModalJoint:
         if jump > 0.0:
             stiffness, slip_force = np.append(stiffness, jump), np.append(slip_force, jump * end)
         return stiffness, slip_force
-
-
-def make_joint(friction: Estimate, slip: Estimate, exponent: Estimate, largest: float) -> ModalJoint:
-    """Return the joint of estimates, of which those without a value are absent."""
-    force, own, chi = (float(each.value or 0.0) for each in (friction, slip, exponent))
-    return ModalJoint(JointTerms(force, own, chi), largest)
-
-
-def joint_rows(friction: Estimate, slip: Estimate, exponent: Estimate, name: str = "") -> Iterator[SummaryRow]:
-    """Yield friction, slip and its exponent as rows of a summary, those that have a value.
-
-    Args:
-        friction: dry friction, N/kg^1/2.
-        slip: R of an Iwan joint, in SI.
-        exponent: chi of that joint.
-        name: what stands before their names.
-    """
-    for label, estimate, unit in (
-        ("friction", friction, "N/kg^1/2"),
-        ("slip", slip, "SI"),
-        ("slip_exponent", exponent, "1"),
-    ):
-        if estimate.value is not None:
-            yield SummaryRow.of(f"{name}{label}", estimate, unit)

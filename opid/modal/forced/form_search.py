@@ -19,7 +19,7 @@ from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.restoring_fit import choose_simplest, find_rms
 from opid.modal.forced.simulated_fit import FittedForm, find_misfit, fit_form
 from opid.modal.forced.system import ModeTerms, System, SystemForm
-from opid.modal.joint_terms import slip_softening
+from opid.modal.joint_terms import SLIP, slip_softening
 from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray
 
@@ -128,7 +128,7 @@ def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: li
         bent = replace(terms, powers=replace(terms.powers, k=(*terms.powers.k, 3)))
         for changed, at, more in (
             (bent, place + n_k, [0.0]),
-            (replace(terms, has_slip=True), place + terms.size, [SIMULATED.first_slip, SIMULATED.first_slip_exponent]),
+            (replace(terms, memory=SLIP), place + terms.size, [SIMULATED.first_slip, SIMULATED.first_slip_exponent]),
         ):
             form = replace(best.form, own=dict(best.form.own) | {mode: changed})
             _try_form(system, form, np.insert(best.vector, at, more), trials, is_near=True)
@@ -166,20 +166,24 @@ def _list_own(system: System, fit: ModeFit, search: bool, free_linear: bool) -> 
     for k in (linear, (*linear, 3)):
         zeros, own = [0.0] * (len(k) + len(linear)), Powers(k, linear)
         yield ModeTerms(own, has_friction=True), np.array([[*zeros, each] for each in frictions])
-        yield ModeTerms(own, has_slip=True), np.array([[*zeros, slip, each] for each in exponents])
+        yield ModeTerms(own, memory=SLIP), np.array([[*zeros, slip, each] for each in exponents])
 
 
 def _is_determined(found: FittedForm) -> bool:
     """Return whether friction and slip stand out of their standard deviations, and the exponent is known."""
     first = 0
-    for terms, values in zip(found.form.own.values(), found.values.own.values(), strict=True):
-        size = len(values.flatten())
-        value, std = np.array(values.flatten())[-3:], found.std[first + size - 3 : first + size]
-        first += size
-        if terms.has_friction and value[0] < MODAL.joint_sigma * std[0]:
+    for terms in found.form.own.values():
+        vector, std = (each[first : first + terms.size] for each in (found.vector, found.vector_std))
+        first += terms.size
+        (friction, memory), (friction_std, memory_std) = (terms.split(each.tolist())[2:] for each in (vector, std))
+        if any(value < MODAL.joint_sigma * own for value, own in zip(friction, friction_std, strict=True)):
             return False
-        is_at_end = min(abs(value[2] - end) for end in MODAL.slip_exponents) < 1e-3
-        if terms.has_slip and (value[1] <= 0.0 or is_at_end or std[2] > MODAL.widest_exponent):
+        if (kind := terms.memory) is None:
+            continue
+        is_at_end = any(
+            abs(value - end) < 1e-3 for value, ends in zip(memory, kind.ranges, strict=True) for end in ends
+        )
+        if is_at_end or not kind.is_determined(np.array(memory), np.array(memory_std)):
             return False
     return True
 
@@ -190,7 +194,8 @@ def _name_terms(form: SystemForm) -> str:
     for mode, terms in form.own.items():
         k, c = (",".join(str(n) for n in powers if n > 1) for powers in (terms.powers.k, terms.powers.c))
         powers = " ".join(f"{letter}{numbers}" for letter, numbers in (("k", k), ("c", c)) if numbers)
-        own = [powers] * bool(powers) + ["friction"] * terms.has_friction + ["slip"] * terms.has_slip
+        own = [powers] * bool(powers) + ["friction"] * terms.has_friction
+        own += [terms.memory.name] if terms.memory else []
         names += [f"mode {mode}: {' + '.join(own)}"] if own else []
     names += [", ".join(each.name for each in form.products)] if form.products else []
     names += [f"joint c z'^{degree}" if of_velocity else f"joint k z^{degree}" for of_velocity, degree in form.joint]

@@ -54,6 +54,7 @@ class FittedForm:
         form: the terms.
         values: their coefficients, in SI.
         covariance: covariance of `values`, flattened.
+        vector_std: (p,) standard deviations of the coefficients in the units of the system.
         errors: (n_folds,) misfit of what was left out in turn, over the motion (rms of the modes).
         missed: misfit over the motion, rms over all tests, of each mode.
         minimum: where the search ended.
@@ -62,6 +63,7 @@ class FittedForm:
     form: SystemForm
     values: SystemValues
     covariance: FloatArray
+    vector_std: FloatArray
     errors: FloatArray
     missed: FloatArray
     minimum: Minimum
@@ -178,10 +180,9 @@ def find_bounds(form: SystemForm) -> tuple[FloatArray, FloatArray]:
         if terms.has_friction:
             low[first] = 0.0
             first += 1
-        if terms.has_slip:
-            low[first] = 0.0
-            low[first + 1], high[first + 1] = MODAL.slip_exponents
-            first += 2
+        ranges = terms.memory.ranges if terms.memory else ()
+        for low[first], high[first] in ranges:
+            first += 1
     return low, high
 
 
@@ -261,6 +262,8 @@ def _describe(system: System, form: SystemForm, found: Minimum, weights: Weights
     by_part = (n - 1) / n * steps.T @ steps
     values = system.convert(form, found.vector)
     slopes = differentiate(lambda vector: system.convert(form, vector).flatten(), found.vector)
+    n_values = len(slopes)
+    slopes = np.vstack([slopes, np.eye(form.size)])
     spread = [np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, each, slopes), 0.0)) for each in (by_noise, by_part)]
     std = np.maximum(spread[0], spread[1] * float(stats.t.ppf(0.975, n - 1)) / 1.96)
     missed = [
@@ -269,8 +272,8 @@ def _describe(system: System, form: SystemForm, found: Minimum, weights: Weights
     ]
     folds = _choose_folds(system, np.array(errors))
     scale = std / np.maximum(spread[0], np.finfo(float).tiny)
-    covariance = np.einsum("ij,jk,lk->il", slopes, by_noise, slopes) * np.outer(scale, scale)
-    return FittedForm(form, values, covariance, folds, np.array(missed), found)
+    covariance = (np.einsum("ij,jk,lk->il", slopes, by_noise, slopes) * np.outer(scale, scale))[:n_values, :n_values]
+    return FittedForm(form, values, covariance, std[n_values:], folds, np.array(missed), found)
 
 
 def _make_folds(system: System) -> list[dict[int, NDArray[np.bool_]]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from opid.mechanics.response import time_response
 from opid.mechanics.structure import ComplexArray
 from opid.modal.couplings import Product, expand_joint
 from opid.modal.forced.equation import Powers, find_noise_power, transform_noise
-from opid.modal.joint_terms import JointTerms, ModalJoint
+from opid.modal.joint_terms import JointKind, JointTerms, ModalJoint, Values
 from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import power_law
@@ -21,6 +22,7 @@ from opid.signals.recording import FloatArray, recording_from_arrays
 from opid.signals.resampling import resampled
 
 Indices = NDArray[np.int64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -30,17 +32,31 @@ class ModeTerms:
     Args:
         powers: powers of displacement and velocity; 1 is the correction of k0 and c0.
         has_friction: whether there is dry friction.
-        has_slip: whether there is an Iwan joint.
+        memory: the joint with memory; None where there is none.
     """
 
     powers: Powers
     has_friction: bool = False
-    has_slip: bool = False
+    memory: JointKind | None = None
+
+    @property
+    def n_powers(self) -> int:
+        """The number of powers."""
+        return len(self.powers.k) + len(self.powers.c)
 
     @property
     def size(self) -> int:
         """The number of coefficients."""
-        return len(self.powers.k) + len(self.powers.c) + self.has_friction + 2 * self.has_slip
+        return self.n_powers + self.has_friction + (self.memory.n_fitted if self.memory else 0)
+
+    def split(self, values: Sequence[T]) -> tuple[dict[int, T], dict[int, T], tuple[T, ...], tuple[T, ...]]:
+        """Return k_n and c_n by their power, friction where there is any, and the values of the joint with memory."""
+        n_k, n = len(self.powers.k), self.n_powers + self.has_friction
+        stiffness, damping = (
+            dict(zip(powers, own, strict=False))
+            for powers, own in ((self.powers.k, values), (self.powers.c, values[n_k:]))
+        )
+        return stiffness, damping, tuple(values[self.n_powers : n]), tuple(values[n : self.size])
 
 
 @dataclass(frozen=True)
@@ -74,16 +90,34 @@ class SystemForm:
 
 @dataclass(frozen=True)
 class OwnValues:
-    """The coefficients of one mode: k_n and c_n by their power, and its joint."""
+    """The coefficients of one mode: k_n and c_n by their power, friction, and the values of a joint with memory."""
 
     stiffness: Mapping[int, float]
     damping: Mapping[int, float]
-    joint: JointTerms
+    friction: Values = ()
+    kind: JointKind | None = None
+    values: Values = ()
+
+    @classmethod
+    def of(cls, terms: ModeTerms, values: Sequence[float]) -> OwnValues:
+        """Return values of some terms."""
+        stiffness, damping, friction, memory = terms.split(values)
+        return cls(stiffness, damping, friction, terms.memory, memory)
+
+    @property
+    def joint(self) -> JointTerms:
+        """Friction and the joint with memory."""
+        return JointTerms.of_kind(sum(self.friction), self.kind, self.values)
 
     def flatten(self) -> list[float]:
         """Return all values in one list."""
-        joint = self.joint
-        return [*self.stiffness.values(), *self.damping.values(), joint.friction, joint.slip, joint.exponent]
+        return [*self.stiffness.values(), *self.damping.values(), *self.friction, *self.values]
+
+    def list_labels(self, mode: int) -> list[Hashable]:
+        """Return what each of these values is, of a mode."""
+        joint = [(self.kind, index, mode) for index in range(len(self.values))]
+        powers = [("k", mode, n) for n in self.stiffness] + [("c", mode, n) for n in self.damping]
+        return [*powers, *(("friction", mode) for _ in self.friction), *joint]
 
 
 @dataclass(frozen=True)
@@ -102,11 +136,8 @@ class SystemValues:
     @property
     def labels(self) -> list[Hashable]:
         """What each value of `flatten` is, alike in all forms that have it."""
-        found: list[Hashable] = []
-        for mode, each in self.own.items():
-            found += [("k", mode, n) for n in each.stiffness] + [("c", mode, n) for n in each.damping]
-            found += [(name, mode) for name in ("friction", "slip", "exponent")]
-        return [*found, *self.couplings, *(("ratio", mode) for mode in self.ratios)]
+        own = [label for mode, each in self.own.items() for label in each.list_labels(mode)]
+        return [*own, *self.couplings, *(("ratio", mode) for mode in self.ratios)]
 
     def flatten(self) -> FloatArray:
         """Return all values in one vector."""
@@ -138,13 +169,10 @@ class System:
         given = iter(vector.tolist())
         own = {}
         for index, terms in enumerate(form.own.values()):
-            a, force = self.largest[index], self.damping_force(index)
-            stiffness = {n: next(given) * force / a**n for n in terms.powers.k}
-            damping = {n: next(given) * force / self.top_speed(index) ** n for n in terms.powers.c}
-            friction = next(given) * force if terms.has_friction else 0.0
-            slip, exponent = (next(given), next(given)) if terms.has_slip else (0.0, 0.0)
-            joint = JointTerms(friction, slip * force / a ** (2 + exponent), exponent)
-            own[form.modes[index]] = OwnValues(stiffness, damping, joint)
+            values = [next(given) for _ in range(terms.size)]
+            factors = self.find_factors(index, terms, values)
+            scaled = [value * factor for value, factor in zip(values, factors, strict=True)]
+            own[form.modes[index]] = OwnValues.of(terms, scaled)
         at = {number: index for index, number in enumerate(self.numbers)}
         couplings = {product: next(given) * self.measure_product(product) for product in form.products}
         ratios: dict[int, float] = {}
@@ -157,6 +185,13 @@ class System:
                 couplings |= expand_joint(direction, amount * scale / degree, degree, of_velocity=of_velocity)
         scales = {number: next(given) for number in self.numbers[1:]} if form.has_scales else {}
         return SystemValues(own, couplings, ratios, scales)
+
+    def find_factors(self, index: int, terms: ModeTerms, values: Sequence[float]) -> list[float]:
+        """Return what leads from the values of a mode in the units of the system to SI units."""
+        a, v, force = float(self.largest[index]), self.top_speed(index), self.damping_force(index)
+        of_powers = [force / a**n for n in terms.powers.k] + [force / v**n for n in terms.powers.c]
+        of_memory = terms.memory.find_factors(terms.split(values)[3], force, a) if terms.memory else ()
+        return [*of_powers, *[force] * terms.has_friction, *of_memory]
 
     def top_speed(self, index: int) -> float:
         """Return the velocity of a mode at its largest displacement and natural frequency, m/s kg^1/2."""

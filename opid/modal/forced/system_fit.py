@@ -30,7 +30,8 @@ from opid.modal.forced.simulated_fit import (
     refine_form,
 )
 from opid.modal.forced.system import ModeTerms, OwnValues, System, SystemValues, make_system
-from opid.modal.joint_terms import JointTerms, ModalJoint, make_joint
+from opid.modal.joint_estimates import ABSENT, JointEstimates
+from opid.modal.joint_terms import ModalJoint
 from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import coefficients_json, make_fitted_law, read_linear
 from opid.modal.settings import MODAL, SIMULATED
@@ -44,17 +45,13 @@ class DrivenLaw:
     Args:
         stiffness: k_n by its power n, (N/kg^1/2) / (m kg^1/2)^n; 1 is the correction of k0.
         damping: c_n by its power n, (N/kg^1/2) / (m/s kg^1/2)^n; 1 is the correction of c0.
-        friction: dry friction F, N/kg^1/2; empty where there is none.
-        slip: R of an Iwan joint, (N/kg^1/2) / (m kg^1/2)^(2 + chi); empty without one.
-        slip_exponent: chi of that joint; empty without one.
+        joint_estimates: friction and the joint with memory.
         largest: its largest displacement in the tests, m kg^1/2.
     """
 
     stiffness: Mapping[int, Estimate]
     damping: Mapping[int, Estimate]
-    friction: Estimate
-    slip: Estimate
-    slip_exponent: Estimate
+    joint_estimates: JointEstimates
     largest: float
 
     @property
@@ -64,13 +61,13 @@ class DrivenLaw:
 
     @property
     def joint(self) -> ModalJoint:
-        """Friction and slip, ready to be simulated."""
-        return make_joint(self.friction, self.slip, self.slip_exponent, self.largest)
+        """The joint, ready to be simulated."""
+        return self.joint_estimates.make(self.largest)
 
     def as_json(self) -> dict[str, Any]:
         """Return the law as result.json holds it."""
-        joint = {name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")}
-        return {**coefficients_json(self.stiffness, self.damping), **joint, "largest": self.largest}
+        powers, joint = coefficients_json(self.stiffness, self.damping), self.joint_estimates.as_json("joint_")
+        return {**powers, **joint, "largest": self.largest}
 
 
 @dataclass(frozen=True)
@@ -290,7 +287,8 @@ def _count_factors(values: SystemValues) -> FloatArray:
     """Return how many factors of the motion the force of each value has, flattened; 1 of what has no unit of force."""
     counts: list[float] = []
     for own in values.own.values():
-        counts += [*own.stiffness, *own.damping, 0.0, 2.0 + own.joint.exponent, 1.0]
+        counts += [*own.stiffness, *own.damping, *(0.0 for _ in own.friction)]
+        counts += own.kind.count_powers(own.values) if own.kind else ()
     counts += [len(product.modes) - 1.0 for product in values.couplings]
     return np.array([*counts, *(1.0 for _ in (*values.ratios, *values.scales))])
 
@@ -320,49 +318,41 @@ def _find_spread(chosen: FittedForm, near: Sequence[FittedForm]) -> FloatArray:
 def _find_model_errors(found: FittedForm) -> FloatArray:
     """Return standard deviations of the values, flattened, by what the model of friction cannot know."""
     errors = np.zeros(len(found.covariance))
-    first = 0
-    for values in found.values.own.values():
-        first += len(values.flatten())
-        errors[first - 3] = SIMULATED.friction_std * values.joint.friction
+    labels = found.values.labels
+    for mode, values in found.values.own.items():
+        for friction in values.friction:
+            errors[labels.index(("friction", mode))] = SIMULATED.friction_std * friction
     return errors
 
 
 def _make_law(found: FittedForm, mode: int, estimates: list[Estimate], largest: float) -> DrivenLaw:
     terms = found.form.own[mode]
-    n_k, n = len(terms.powers.k), len(terms.powers.k) + len(terms.powers.c)
-    return DrivenLaw(
-        dict(zip(terms.powers.k, estimates, strict=False)),
-        dict(zip(terms.powers.c, estimates[n_k:], strict=False)),
-        estimates[n] if terms.has_friction else Estimate(),
-        estimates[n + 1] if terms.has_slip else Estimate(),
-        estimates[n + 2] if terms.has_slip else Estimate(),
-        largest,
-    )
+    stiffness, damping, friction, memory = terms.split(estimates)
+    joint = JointEstimates(friction[0] if friction else ABSENT, terms.memory, memory)
+    return DrivenLaw(stiffness, damping, joint, largest)
 
 
 def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate]) -> ModeFit:
     """Return the fit of the mode under test with the law by simulation."""
     terms, values = found.form.own[fit.mode], found.values.own[fit.mode]
     explained = {mode for each in found.values.couplings for mode in each.modes}
-    n_k, n = len(values.stiffness), len(values.stiffness) + len(values.damping)
     k, c, amplitude = terms.powers.k, terms.powers.c, fit.stiffness_curve.position
+    law = _make_law(found, fit.mode, estimates, float(amplitude[-1]))
     omega = _find_natural(fit, terms, values)
     viscous = 4 * np.pi * fit.damping_ratio * fit.frequency_hz
     damping = viscous + linearised(c, values.damping.values(), omega * amplitude)
     with np.errstate(divide="ignore", invalid="ignore"):
         damping = damping + np.where(amplitude > 0, values.joint.find_damping(amplitude) / omega, 0.0)
-    curves = _make_curves(fit, terms, values, found.covariance[: n + 3, : n + 3])
+    curves = _make_curves(fit, terms, values, found.covariance[: terms.size, : terms.size])
     updated = replace(
         fit,
         stiffness_order=terms.powers.orders[0],
         damping_order=terms.powers.orders[1],
         free_linear=1 in k,
         residual_fraction=float(found.missed[0]),
-        stiffness=dict(zip(k, estimates, strict=False)),
-        damping=dict(zip(c, estimates[n_k:], strict=False)),
-        friction=estimates[n] if terms.has_friction else Estimate(),
-        slip=estimates[n + 1] if terms.has_slip else Estimate(),
-        slip_exponent=estimates[n + 2] if terms.has_slip else Estimate(),
+        stiffness=law.stiffness,
+        damping=law.damping,
+        joint_estimates=law.joint_estimates,
         stiffness_curve=curves[0],
         damping_curve=curves[1],
         frequency_at_hz=omega / (2 * np.pi),
@@ -383,18 +373,20 @@ def _find_natural(fit: ModeFit, terms: ModeTerms, values: OwnValues) -> FloatArr
 
 def _make_curves(fit: ModeFit, terms: ModeTerms, values: OwnValues, covariance: FloatArray) -> list[ForceCurve]:
     """Return the nonlinear stiffness and damping forces, with bands by the covariance of the values of the mode."""
-    k, c, n_k, amplitude = terms.powers.k, terms.powers.c, len(values.stiffness), fit.stiffness_curve.position
+    amplitude = fit.stiffness_curve.position
     vector = np.array(values.flatten())
     pace = np.maximum(_find_natural(fit, terms, values), 2 * np.pi * MODAL.widest_band[0] * fit.frequency_hz)
 
     def stiffness_force(at: FloatArray, own: FloatArray) -> FloatArray:
-        powers = (own[i] * at**power for i, power in enumerate(k) if power > 1)
-        return sum(powers, -JointTerms(*own[-3:]).find_slip_force(at))
+        its = OwnValues.of(terms, own.tolist())
+        powers = (value * at**power for power, value in its.stiffness.items() if power > 1)
+        return sum(powers, -its.joint.find_slip_force(at))
 
     def damping_force(at: FloatArray, own: FloatArray) -> FloatArray:
-        powers = (own[n_k + i] * at**power for i, power in enumerate(c) if power > 1)
+        its = OwnValues.of(terms, own.tolist())
+        powers = (value * at**power for power, value in its.damping.items() if power > 1)
         reached = at / np.interp(at, pace * amplitude, pace)
-        return sum(powers, JointTerms(*own[-3:]).find_loss_force(reached))
+        return sum(powers, its.joint.find_loss_force(reached))
 
     curves = []
     for curve, force, corrected in (
