@@ -8,6 +8,7 @@ from typing import Any
 
 from opid.estimate import Estimate, Estimates
 from opid.modal.joint_terms import JointKind, JointTerms, ModalJoint
+from opid.modal.settings import MODAL
 from opid.result import SummaryRow
 
 ABSENT = Estimate()
@@ -43,6 +44,12 @@ class JointEstimates(Estimates):
     def named(self) -> JointKind | None:
         """The joint of a named kind, in the place of slip without an end; None for none."""
         return None if self.kind is None or self.kind.is_slip else self.kind
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether force and travel of a named kind, if there is one, stand out of their standard deviations."""
+        first = self.values[:2] if self.named else ()
+        return all(float(each.value or 0.0) > MODAL.joint_sigma * float(each.std or 0.0) for each in first)
 
     @property
     def terms(self) -> list[str]:

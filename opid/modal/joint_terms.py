@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import product
 
 import numpy as np
@@ -149,6 +149,10 @@ JOINT_KINDS: Mapping[str, tuple[JointKind, ...]] = {
 }
 """By the name of the kind of law: a joint, and what it becomes at its limits."""
 SLIP = JointKind("slip", 2, (), "slip of an Iwan joint")
+TOO_SHARP = (
+    f"the joint yields so sharply (an exponent above {MODAL.sharp_exponent:g}) that it is hardly told from one slider "
+    "with a spring (Jenkins), whose exponent has no end: the exponent has no interval"
+)
 
 
 def read_memory(memory: bool | str | JointKind | None) -> tuple[JointKind | None, ...]:
@@ -182,9 +186,10 @@ def find_joint_curves(name: str, values: Values, amplitude: FloatArray) -> tuple
     Args:
         name: a kind of `JOINT_KINDS`.
         values: all its parameters.
-        amplitude: amplitudes of the displacement, positive.
+        amplitude: amplitudes of the displacement, 0 or more.
     """
     force, travel, *inner = values
+    amplitude = np.maximum(amplitude, 1e-9 * travel)
     if name == IWAN:
         slip, exponent, jump = split_iwan(values)
         m = np.minimum(amplitude, travel)
@@ -222,6 +227,23 @@ def find_rest_stiffness(name: str, values: Values) -> float:
         return values[0] / values[1]
     slip, exponent, jump = split_iwan(values)
     return slip * values[1] ** (1.0 + exponent) / (1.0 + exponent) + jump
+
+
+def load_joint(name: str, values: Values, displacement: FloatArray) -> FloatArray:
+    """Return the force of a joint on first loading, per unit mass, at displacements of 0 or more.
+
+    Args:
+        name: a kind of `JOINT_KINDS`.
+        values: all its parameters.
+        displacement: from the position in which nothing has slid.
+    """
+    force, travel, *inner = values
+    if name != IWAN:
+        return force * find_steady_loop(name, *inner).find_force(displacement / travel)
+    slip, exponent, _ = split_iwan(values)
+    reached = np.minimum(displacement, travel)
+    lost = slip * reached ** (2.0 + exponent) / ((1.0 + exponent) * (2.0 + exponent))
+    return find_rest_stiffness(name, values) * reached - lost
 
 
 def lose_stiffness(travel: FloatArray) -> FloatArray:
@@ -309,12 +331,7 @@ def _follow_joint(values: tuple[float, ...], name: str, q: FloatArray, ends: Flo
     force = np.empty_like(q)
     signs = (-1.0) ** np.arange(q.shape[1])
     if name == IWAN:
-        slip, exponent, _ = split_iwan(values)
-        rest, divisor = find_rest_stiffness(name, values), (1.0 + exponent) * (2.0 + exponent)
-
-        def load(x: FloatArray) -> FloatArray:
-            return np.where(x < 1.0, rest * x - slip * np.minimum(x, 1.0) ** (2.0 + exponent) / divisor, 1.0)
-
+        load = partial(load_joint, name, values)
         # The rule of Masing holds for sliders side by side, and no loop closes in a larger one.
         top = load(ends[:, 0])
         for m, sign in enumerate(signs):
@@ -379,7 +396,11 @@ class JointTerms:
 
     def find_slip_force(self, displacement: FloatArray) -> FloatArray:
         """Return what slip takes from the force K q on first loading at displacements, force per unit mass."""
-        return self.slip * displacement ** (2.0 + self.exponent) / ((1.0 + self.exponent) * (2.0 + self.exponent))
+        taken = self.slip * displacement ** (2.0 + self.exponent) / ((1.0 + self.exponent) * (2.0 + self.exponent))
+        if not self.kind:
+            return taken
+        rest = find_rest_stiffness(self.kind, self.values)
+        return taken + rest * displacement - load_joint(self.kind, self.values, displacement)
 
     def find_damping(self, amplitude: FloatArray) -> FloatArray:
         """Return what friction and joints add to omega c(A) at amplitudes, where c is the coefficient of q'."""
@@ -388,16 +409,26 @@ class JointTerms:
         return lost + find_joint_curves(self.kind, self.values, amplitude)[1] if self.kind else lost
 
     def find_loss_force(self, displacement: FloatArray) -> FloatArray:
-        """Return a force of the velocity alone that loses what friction and slip lose, force per unit mass.
+        """Return a force of the velocity alone that loses what friction and joints lose, force per unit mass.
 
-        Friction is such a force by itself. Slip loses as much as a power 2 + chi of the velocity.
+        Friction is such a force by itself. Slip loses as much as a power 2 + chi of the velocity. Where a joint loses
+        E(A) in a cycle, the force at the speed of a displacement x is the mean of E'(x cos t) / 4, t from 0 to pi/2.
 
         Args:
             displacement: the amplitudes of the cycles that have these velocities, q'/omega; 0 or more.
         """
         power = 2.0 + self.exponent
         slipped = self.slip * slip_damping(self.exponent) / first_harmonic_factor(power) * displacement**power
-        return self.friction * np.sign(displacement) + slipped
+        lost = self.friction * np.sign(displacement) + slipped
+        if not self.kind:
+            return lost
+        angle = 0.5 * np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
+        amplitude = np.maximum(displacement[..., None] * np.cos(angle), 1e-6 * self.values[1])
+        below, above = (
+            near**2 * find_joint_curves(self.kind, self.values, near)[1]
+            for near in (0.999 * amplitude, 1.001 * amplitude)
+        )
+        return lost + 0.25 * np.pi * np.mean((above - below) / (0.002 * amplitude), axis=-1)
 
 
 @dataclass(frozen=True)
@@ -433,6 +464,12 @@ class ModalJoint:
         """The part of k0 that the joint carries while nothing slides, up to twice the largest displacement."""
         of_law = find_rest_stiffness(self.terms.kind, self.terms.values) if self.law.terms else 0.0
         return float(self._spread()[0].sum()) + of_law
+
+    @property
+    def quickness(self) -> float:
+        """By how much the memory of its law may change over a displacement, 1 / displacement; 0 without one."""
+        _, travel, *inner = self.terms.values if self.law.terms else (0.0, math.inf)
+        return max(1.0, *inner[:1], 0.0) / travel
 
     def _spread(self) -> tuple[FloatArray, FloatArray]:
         """Return stiffness and slip force of the elements, (n,) each; both are exact in each range of travels."""

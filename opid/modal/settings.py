@@ -248,6 +248,10 @@ class SimulationSettings:
     # tell; forms are compared with longer steps, whose error of 1e-4 they share
     step_rad: float = 0.12
     first_step_rad: float = 0.35
+    # largest change of the memory of a joint in a step, over its largest force
+    memory_step: float = 0.5
+    # times by which this may shorten the steps of a search: joints with less travel are dry friction
+    most_finer: float = 32.0
     # Jenkins elements of a joint: with 24, responses differed by 0.1 %, and couplings of modes by 0.2 %
     sliders: int = 60
     # slip travels of the first and the last element, over the largest displacement of the tests: what would slip only
@@ -276,6 +280,13 @@ class SimulationSettings:
     # exponent of Segalman's joint, amid those measured so far: it begins the search for the slip of a driven mode, and
     # turns the softening of powers into the slip from which that of the mode under test begins
     first_slip_exponent: float = -0.5
+    # softening by a joint at the largest motion, over that by all of its stiffness, below which a search does not begin
+    # with a larger force: it only just slides there
+    least_softening: float = 0.02
+    # misfit of a law by simulation over that of the noise of accelerations and forces, from which on joints of named
+    # kinds are tried, and up to which one of them explains the tests. The motion that the noise of a force would cause
+    # is only roughly known: true laws had 0.9 to 1.7
+    unexplained: float = 2.5
     # least size of a coefficient, over that force: of the slip from which a search begins where powers do not soften,
     # and of the steps of searches and differences; a tenth of the damping is the least that a test shows clearly
     least_size: float = 0.1

@@ -17,7 +17,7 @@ from opid.modal.decay.scaled_track import find_span
 from opid.modal.decay.slow_flow import Flow, solve_slow_flow
 from opid.modal.forced.restoring_fit import find_jackknife
 from opid.modal.joint_estimates import JointEstimates
-from opid.modal.joint_terms import find_rest_stiffness
+from opid.modal.joint_terms import TOO_SHARP, find_rest_stiffness
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -289,10 +289,7 @@ def _warn_of_law(best: FormFit, lowest: float) -> list[str]:
             "the joint still slips at the smallest amplitude: frequency and damping at zero amplitude are not told"
         )
     if best.form.is_sharp(best.vector):
-        warnings.append(
-            f"the joint yields so sharply (an exponent above {MODAL.sharp_exponent:g}) that it is hardly told from one "
-            "slider with a spring (Jenkins), whose exponent has no end: the exponent has no interval"
-        )
+        warnings.append(TOO_SHARP)
     if best.repeat_misfit > MODAL.most_misfit:
         warnings.append(
             f"the laws of the single decays differ by {best.repeat_misfit:.2g} times what noise and the scatter of k0 "

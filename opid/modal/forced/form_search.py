@@ -6,7 +6,7 @@ Every form is fitted by simulation (`simulated_fit`) and judged by its error on 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product as combine
 
@@ -19,7 +19,7 @@ from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.restoring_fit import choose_simplest, find_rms
 from opid.modal.forced.simulated_fit import FittedForm, find_misfit, fit_form
 from opid.modal.forced.system import ModeTerms, System, SystemForm
-from opid.modal.joint_terms import SLIP, slip_softening
+from opid.modal.joint_terms import SLIP, JointKind, JointTerms, slip_softening
 from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray
 
@@ -34,36 +34,40 @@ class Trial:
     found: FittedForm
 
 
+OwnTerms = tuple[ModeTerms, FloatArray]
+"""Terms that the mode under test may have by itself, and their starts, (n_starts, n)."""
+
+
 def try_forms(
     system: System,
-    fit: ModeFit,
+    own_terms: Iterable[OwnTerms],
     products: tuple[Product, ...],
     guesses: FloatArray,
     *,
     has_joint: bool,
-    search_own: bool,
     free_linear: bool,
 ) -> list[Trial]:
     """Return the forms that could be fitted to a system.
 
     Args:
         system: the modes, the one under test first, and their tests.
-        fit: the mode under test by itself.
+        own_terms: the terms that the mode under test may have by itself.
         products: the products by which it drives the others.
         guesses: (n_products,) their coefficients in the units of the system, from which the search begins.
         has_joint: whether a joint and its relatives are tried in the place of the products.
-        search_own: whether friction and slip are tried beside the powers.
-        free_linear: whether k0 and c0 of the driven modes, and beside slip, are corrected.
+        free_linear: whether k0 and c0 of the driven modes are corrected.
     """
     trials: list[Trial] = []
     linear = ModeTerms(Powers((1,), (1,)) if free_linear else Powers((), ()))
-    others = {mode: linear for mode in system.numbers if mode != fit.mode}
+    others = dict.fromkeys(system.numbers[1:], linear)
     rest = np.zeros(linear.size * len(others))
-    for terms, starts in _list_own(system, fit, search_own, free_linear):
-        form = SystemForm({fit.mode: terms} | others, products)
+    for terms, starts in own_terms:
+        form = SystemForm({system.numbers[0]: terms} | others, products)
         whole = [np.concatenate([start, rest, guesses]) for start in starts]
         start = min(whole, key=lambda each: find_misfit(system, form, each))
-        _try_form(system, form, start, trials, is_near=terms.has_friction)
+        # Quieter tests tell nothing of a joint that slides at large motion.
+        is_near = terms.has_friction or (terms.memory is not None and not terms.memory.is_slip)
+        _try_form(system, form, start, trials, is_near=is_near)
     if products and trials:
         own = choose_trial(trials).found
         alone = own.vector[: own.form.size - len(products)]
@@ -149,24 +153,44 @@ def _may_be_own(found: FittedForm, own: FittedForm) -> bool:
     return is_other and find_rms(found.errors) < SIMULATED.own_rivals * find_rms(own.errors)
 
 
-def _list_own(system: System, fit: ModeFit, search: bool, free_linear: bool) -> Iterator[tuple[ModeTerms, FloatArray]]:
-    """Yield the terms that the mode under test may have by itself, and their starts, (n_starts, n) each."""
+def list_own(system: System, fit: ModeFit, *, search_own: bool, free_linear: bool) -> Iterator[OwnTerms]:
+    """Yield powers, and friction and slip if they are searched, which begin with what the powers of a fit show."""
     force, a, v = system.damping_force(0), float(system.largest[0]), system.top_speed(0)
     powers = Powers(tuple(fit.stiffness), tuple(fit.damping))
     start = [float(each.value or 0.0) * a**n / force for n, each in fit.stiffness.items()]
     start += [float(each.value or 0.0) * v**n / force for n, each in fit.damping.items()]
     yield ModeTerms(powers), np.array([start])
-    if not search:
+    if not search_own:
         return
-    k0 = float(system.modes.stiffness()[0])
-    softer = k0 - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
-    slip = max(softer * a / force / float(slip_softening(SIMULATED.first_slip_exponent)), SIMULATED.least_size)
+    slip = max(_soften(system, fit) / float(slip_softening(SIMULATED.first_slip_exponent)), SIMULATED.least_size)
     linear = (1,) if free_linear else ()
     frictions, exponents = SIMULATED.first_frictions, SIMULATED.first_slip_exponents
     for k in (linear, (*linear, 3)):
         zeros, own = [0.0] * (len(k) + len(linear)), Powers(k, linear)
         yield ModeTerms(own, has_friction=True), np.array([[*zeros, each] for each in frictions])
         yield ModeTerms(own, memory=SLIP), np.array([[*zeros, slip, each] for each in exponents])
+
+
+def _soften(system: System, fit: ModeFit) -> float:
+    """Return by how much the powers soften the mode under test at its largest displacement, in the system's units."""
+    softer = float(system.modes.stiffness()[0]) - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
+    return softer * float(system.largest[0]) / system.damping_force(0)
+
+
+def list_joints(
+    system: System, fit: ModeFit, kinds: Iterable[JointKind], *, search_own: bool, free_linear: bool
+) -> Iterator[OwnTerms]:
+    """Yield joints of named kinds, beside powers only where the orders of these are given and not searched."""
+    linear, at = (1,) if free_linear else (), np.ones(1)
+    powers = Powers(linear, linear) if search_own else Powers(tuple(fit.stiffness), tuple(fit.damping))
+    softer = _soften(system, fit)
+    for kind in kinds:
+        terms, starts = ModeTerms(powers, memory=kind), []
+        for inner in kind.list_starts():
+            of_unit = float(JointTerms.of_kind(0.0, kind, (1.0, *inner)).find_softening(at)[0])
+            force = max(softer / max(of_unit, SIMULATED.least_softening), SIMULATED.least_size)
+            starts.append([*[0.0] * terms.n_powers, force, *inner])
+        yield terms, np.array(starts)
 
 
 def _is_determined(found: FittedForm) -> bool:
@@ -195,7 +219,7 @@ def _name_terms(form: SystemForm) -> str:
         k, c = (",".join(str(n) for n in powers if n > 1) for powers in (terms.powers.k, terms.powers.c))
         powers = " ".join(f"{letter}{numbers}" for letter, numbers in (("k", k), ("c", c)) if numbers)
         own = [powers] * bool(powers) + ["friction"] * terms.has_friction
-        own += [terms.memory.name] if terms.memory else []
+        own += [terms.memory.name if terms.memory.is_slip else terms.memory.words] if terms.memory else []
         names += [f"mode {mode}: {' + '.join(own)}"] if own else []
     names += [", ".join(each.name for each in form.products)] if form.products else []
     names += [f"joint c z'^{degree}" if of_velocity else f"joint k z^{degree}" for of_velocity, degree in form.joint]

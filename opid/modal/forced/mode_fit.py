@@ -109,7 +109,8 @@ class ModeFit:
             (`correct_delay`); its interval also holds the phase of neighbours that leak through the modal filter.
         joint_estimates: friction and the joint with memory, found by simulation.
         interactions: modes that this one drives.
-        misfit: rms of the misfit over what noise alone would leave; 1 where the powers are the law.
+        misfit: rms of the misfit over what noise alone would leave, of the motion where the law was fitted by
+            simulation; 1 where the law is the true one.
         warnings: one sentence for each warning about the fit.
     """
 

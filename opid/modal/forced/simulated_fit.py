@@ -79,6 +79,19 @@ class FittedForm:
         left = [each for row in self.minimum.left for each in row]
         return sum(2.0 * each.size * float(np.log(np.mean(np.abs(each) ** 2))) for each in left)
 
+    def find_excess(self, system: System) -> float:
+        """Return the misfit of all tests together over that by the noise of their accelerations and forces.
+
+        So tests with the largest motion count most: one that hardly moves shows how friction sticks, which no law has.
+        """
+        missed = sum(float(np.sum(np.abs(own) ** 2)) for row in self.minimum.left for own in row)
+        by_noise = sum(
+            lines.size * (noise**2 + moved**2)
+            for test in system.tests
+            for lines, noise, moved in zip(test.lines, test.noise, test.moved, strict=True)
+        )
+        return float(np.sqrt(missed / max(by_noise, 1e-300)))
+
     @property
     def std(self) -> FloatArray:
         """Standard deviations of `values`, flattened."""
@@ -271,8 +284,8 @@ def _describe(system: System, form: SystemForm, found: Minimum, weights: Weights
         for index in range(n_modes)
     ]
     folds = _choose_folds(system, np.array(errors))
-    scale = std / np.maximum(spread[0], np.finfo(float).tiny)
-    covariance = (np.einsum("ij,jk,lk->il", slopes, by_noise, slopes) * np.outer(scale, scale))[:n_values, :n_values]
+    scale, of_values = (std / np.maximum(spread[0], 1e-100))[:n_values], slopes[:n_values]
+    covariance = np.einsum("ij,jk,lk->il", of_values, by_noise, of_values) * np.outer(scale, scale)
     return FittedForm(form, values, covariance, std[n_values:], folds, np.array(missed), found)
 
 

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from opid.errors import InputError
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import ComplexArray
 from opid.modal.couplings import Product, expand_joint
-from opid.modal.forced.equation import Powers, find_noise_power, transform_noise
+from opid.modal.forced.equation import Powers, find_noise_power, find_quiet_lines, transform_noise
 from opid.modal.joint_terms import JointKind, JointTerms, ModalJoint, Values
 from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import power_law
+from opid.modal.settings import SIMULATED
 from opid.signals.recording import FloatArray, recording_from_arrays
 from opid.signals.resampling import resampled
 
@@ -115,7 +117,7 @@ class OwnValues:
 
     def list_labels(self, mode: int) -> list[Hashable]:
         """Return what each of these values is, of a mode."""
-        joint = [(self.kind, index, mode) for index in range(len(self.values))]
+        joint = [(self.kind.name if self.kind else "", mode, index) for index in range(len(self.values))]
         powers = [("k", mode, n) for n in self.stiffness] + [("c", mode, n) for n in self.damping]
         return [*powers, *(("friction", mode) for _ in self.friction), *joint]
 
@@ -235,17 +237,18 @@ class System:
 
 @dataclass(frozen=True, eq=False)
 class SystemTest:
-    """One test of a system: its modal forces at half steps, and the lines of the measured accelerations.
+    """One test of a system: its modal forces, and the lines of the measured accelerations.
 
     Args:
         name: the name of the test.
         fs: sampling rate, Hz.
         n_samples: number of samples.
         steps_per_sample: steps of the simulation from one sample to the next.
-        forces: (n_half_steps, n_modes) modal forces, N/kg^1/2.
+        forces: (n_samples, n_modes) modal forces, N/kg^1/2.
         lines: indices of the lines of each mode's band.
         measured: transforms of the measured accelerations on these lines.
         noise: standard deviation of a line (complex) by the sensors' noise, of each mode.
+        moved: the same by the motion that the noise of the forces would cause.
         reach: lines over which errors are correlated, for the motion is short.
     """
 
@@ -257,20 +260,36 @@ class SystemTest:
     lines: tuple[Indices, ...]
     measured: tuple[ComplexArray, ...]
     noise: tuple[float, ...]
+    moved: tuple[float, ...]
     reach: int
+    _between: dict[int, FloatArray] = field(init=False, repr=False, default_factory=dict)
+
+    def find_forces(self, steps: int) -> FloatArray:
+        """Return the modal forces at half steps, (n_half_steps, n_modes), for a number of steps in each sample."""
+        if steps not in self._between:
+            names = [f"force {number + 1}" for number in range(self.forces.shape[1])]
+            series = recording_from_arrays(list(self.forces.T), names, fs=self.fs, unit="N")
+            between = resampled(series, 2 * steps * self.fs).samples
+            self._between[steps] = between[: 2 * (self.n_samples - 1) * steps + 1]
+        return self._between[steps]
 
     def simulate(self, model: NonlinearModalModel) -> list[ComplexArray]:
         """Return the lines of the simulated accelerations of each mode.
 
         Raises:
-            InputError: a motion that grows without bound.
+            InputError: a motion that grows without bound, or a joint whose memory changes too fast to be followed.
         """
+        finer = model.count_steps(self.fs, np.inf) / self.steps_per_sample
+        if finer > SIMULATED.most_finer:
+            raise InputError(f"the memory of a joint needs {finer:.3g} times shorter steps: give it a longer travel")
+        # In powers of 2 the steps stay alike while a search moves on.
+        steps = self.steps_per_sample * 2 ** max(0, int(np.ceil(np.log2(finer))))
         motion = time_response(
             model.structure(),
-            self.forces,
+            self.find_forces(steps),
             fs=self.fs,
             duration_s=self.n_samples / self.fs,
-            steps_per_sample=self.steps_per_sample,
+            steps_per_sample=steps,
         )
         spectrum = fft.rfft(motion.acceleration, axis=0)
         return [spectrum[lines, index] for index, lines in enumerate(self.lines)]
@@ -299,22 +318,27 @@ def make_system(
     for test in tests:
         steps = max(1, int(np.ceil(highest / test.fs / step_rad)))
         n = len(test.acceleration)
-        forces = [test.modal_force(number) for number in numbers]
-        series = recording_from_arrays(forces, [f"mode {number}" for number in numbers], fs=test.fs, unit="N")
-        half = resampled(series, 2 * steps * test.fs).samples[: 2 * (n - 1) * steps + 1]
+        forces = np.stack([test.modal_force(number) for number in numbers], axis=1)
         frequency = fft.rfftfreq(n, 1 / test.fs)
         spectrum = fft.rfft(test.acceleration[:, indices], axis=0)
         noise = [float(np.sqrt(find_noise_power(transform_noise(test, number)))) for number in numbers]
         lines = [
             np.flatnonzero((frequency >= low) & (frequency <= high)).astype(np.int64) for low, high in bands_hz.values()
         ]
+        of_force, quiet = fft.rfft(forces, axis=0), find_quiet_lines(test.modes, frequency)
+        force_noise = np.sqrt(find_noise_power(of_force[quiet]))
+        gains = [
+            np.linalg.norm(spectrum[own, index]) / max(float(np.linalg.norm(of_force[own, index])), 1e-300)
+            for index, own in enumerate(lines)
+        ]
+        moved = [float(each) for each in force_noise * gains]
         size = np.sum(test.acceleration[:, indices[0]] ** 2)
         lasting = size**2 / max(float(np.sum(test.acceleration[:, indices[0]] ** 4)), 1e-300)
         ready.append(
             SystemTest(
-                test.name, test.fs, n, steps, half, tuple(lines),
+                test.name, test.fs, n, steps, forces, tuple(lines),
                 tuple(spectrum[own, index] for index, own in enumerate(lines)),
-                tuple(noise), int(np.ceil(2 * n / max(float(lasting), 1.0))),
+                tuple(noise), tuple(moved), int(np.ceil(2 * n / max(float(lasting), 1.0))),
             )
         )  # fmt: skip
     return System(modes, numbers, np.array([largest[number] for number in numbers]), tuple(ready))
