@@ -24,8 +24,10 @@ def estimate_joint(terms: ModeTerms, estimates: Sequence[Estimate]) -> JointEsti
     return JointEstimates(friction[0] if friction else ABSENT, terms.memory, memory)
 
 
-def update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate], misfit: float) -> ModeFit:
-    """Return the fit of the mode under test with the law by simulation."""
+def update_mode_fit(
+    fit: ModeFit, found: FittedForm, estimates: list[Estimate], *, misfit: float, mass: Estimate
+) -> ModeFit:
+    """Return the fit of the mode under test with the law by simulation, its misfit over noise and the mass it shows."""
     terms, values = found.form.own[fit.mode], found.values.own[fit.mode]
     explained = {mode for each in found.values.couplings for mode in each.modes}
     k, c, amplitude = terms.powers.k, terms.powers.c, fit.stiffness_curve.position
@@ -43,6 +45,7 @@ def update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate], 
         free_linear=1 in k,
         residual_fraction=float(found.missed[0]),
         misfit=misfit,
+        modal_mass=mass,
         stiffness=stiffness,
         damping=damping_powers,
         joint_estimates=estimate_joint(terms, estimates),

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from opid.errors import InputError
+from opid.estimate import Estimate
 from opid.mechanics.structure import ComplexArray
 from opid.modal.forced.restoring_fit import sum_lagged_products
 from opid.modal.forced.system import System, SystemForm, SystemValues
@@ -122,6 +123,27 @@ def refine_form(system: System, rough: FittedForm) -> FittedForm:
     for _ in range(2):
         found = _minimise(system, rough.form, found.vector, _weights_of(system, found), is_last=True)
     return _describe(system, rough.form, found, _weights_of(system, found))
+
+
+def fit_mass(system: System, found: FittedForm) -> Estimate:
+    """Return the modal mass that the tests show of the mode under test beside a law, as `fit_modal_mass` does.
+
+    It is the factor by which the forces are too large for the motion, to the first order. A rough standard deviation
+    is enough, so what the law leaves is taken as white.
+    """
+    step, weights = 1e-3, _weights_of(system, found.minimum)
+    scaled = replace(system, tests=tuple(replace(each, forces=each.forces / (1.0 + step)) for each in system.tests))
+    moved = _subtract(scaled, found.form, found.vector)
+    left, right, slopes = (
+        np.concatenate([_as_real(row, own) for row, own in zip(rows, weights, strict=True)])
+        for rows in (found.minimum.left, moved, found.minimum.jacobian)
+    )
+    columns = np.column_stack([slopes, (right - left) / step])
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    inverse = np.linalg.pinv(columns / scale)
+    off = float(inverse[-1] @ left) / scale[-1]
+    rms = float(np.sqrt(np.mean((left - columns / scale @ (inverse @ left)) ** 2)))
+    return Estimate.normal(1.0 - off, rms * float(np.linalg.norm(inverse[-1])) / scale[-1])
 
 
 Weights = list[list[float]]

@@ -28,6 +28,7 @@ from opid.modal.forced.restoring_fit import find_rms, find_shown_mass, list_near
 from opid.modal.forced.simulated_fit import (
     FittedForm,
     fit_form,
+    fit_mass,
     refine_form,
 )
 from opid.modal.forced.system import System, SystemValues, make_system
@@ -284,8 +285,9 @@ def _make_fit(
     spread = _find_spread(found, [*others, *likely])
     freed = _free_scales(system, found)
     by_scale = _find_error_by_scale(found, freed) if freed else 0.0
-    by_mass = _find_error_by_mass(system, found, find_shown_mass(fit.modal_mass))
-    more = spread**2 + _find_model_errors(found) ** 2 + by_scale**2 + by_mass**2
+    mass = fit_mass(system, found)
+    by_mass = _find_error_by_mass(system, found, find_shown_mass(mass))
+    more = spread**2 + _find_model_errors(system, found) ** 2 + by_scale**2 + by_mass**2
     found = replace(found, covariance=found.covariance + np.diag(more))
     std = iter(found.std.tolist())
     estimates: dict[int, list[Estimate]] = {}
@@ -306,7 +308,7 @@ def _make_fit(
     missed = dict(zip(system.numbers, found.missed.tolist(), strict=True))
     at = dict(zip(system.numbers, system.largest.tolist(), strict=True))
     driven = {mode: _make_law(found, mode, each, at[mode]) for mode, each in estimates.items() if mode != fit.mode}
-    updated = update_mode_fit(fit, found, estimates[fit.mode], found.find_excess(system))
+    updated = update_mode_fit(fit, found, estimates[fit.mode], misfit=found.find_excess(system), mass=mass)
     made = SystemFit(system.numbers, updated, driven, couplings, ratios, missed, rungs, ())
     warnings = [*_warn_of_fit(made, found, has_rivals), *(_warn_of_scales(freed) if freed else ())]
     return replace(made, warnings=tuple(warnings))
@@ -358,14 +360,15 @@ def _find_spread(chosen: FittedForm, near: Sequence[FittedForm]) -> FloatArray:
     return np.sqrt(squares / weights)
 
 
-def _find_model_errors(found: FittedForm) -> FloatArray:
-    """Return standard deviations of the values, flattened, by what the model of friction cannot know."""
-    errors = np.zeros(len(found.covariance))
-    labels = found.values.labels
-    for mode, values in found.values.own.items():
-        for friction in values.friction:
-            errors[labels.index(("friction", mode))] = SIMULATED.friction_std * friction
-    return errors
+def _find_model_errors(system: System, found: FittedForm) -> FloatArray:
+    """Return standard deviations of the values, flattened, by steps of the simulation and by how friction sticks."""
+    errors: list[float] = []
+    for k0, values in zip(system.modes.stiffness().tolist(), found.values.own.values(), strict=True):
+        errors += [SIMULATED.stiffness_std * k0 if n == 1 else 0.0 for n in values.stiffness]
+        errors += [0.0 for _ in values.damping] + [SIMULATED.friction_std * each for each in values.friction]
+        of_joint = 0.0 if values.kind is None or values.kind.is_slip else SIMULATED.joint_std
+        errors += [of_joint * each for each in values.values]
+    return np.array([*errors, *(0.0 for _ in range(len(found.covariance) - len(errors)))])
 
 
 def _make_law(found: FittedForm, mode: int, estimates: list[Estimate], largest: float) -> DrivenLaw:
