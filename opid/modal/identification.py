@@ -288,7 +288,7 @@ def _fit_systems(
         found = None if others else _try_system(study, fit, say, warnings)
         if others and (asked := _name_asked(study, fit.mode)):
             warnings.append(
-                f"{asked} that the study names are left out: mode(s) "
+                f"{asked} that the study names {'are' if study.find_couplings(fit.mode) else 'is'} left out: mode(s) "
                 f"{', '.join(map(str, sorted(others)))} are already fitted together with other modes; fit them in a "
                 f"study of their own, in which mode {fit.mode} is the only nonlinear one"
             )
@@ -335,7 +335,7 @@ def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) 
     tests = [each.test for each in study.tests if each.test.name in fit.tests]
     tests = [delay_forces(test, delay_s) for test in tests] if delay_s else tests
     names = " and ".join(str(mode) for mode in sorted(involved))
-    lost = f"; {asked} that the study names are left out" if asked else ""
+    lost = f"; {asked} that the study names {'are' if products else 'is'} left out" if asked else ""
     if not all(_is_fitted_to(fit, test.modes) for test in tests):
         warnings.append(
             f"mode(s) {names} are not fitted by simulation, for their tests have different linear modes: give the "

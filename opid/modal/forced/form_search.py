@@ -189,7 +189,7 @@ def list_joints(
         for inner in kind.list_starts():
             of_unit = float(JointTerms.of_kind(0.0, kind, (1.0, *inner)).find_softening(at)[0])
             force = max(softer / max(of_unit, SIMULATED.least_softening), SIMULATED.least_size)
-            starts.append([*[0.0] * terms.n_powers, force, *inner])
+            starts += [[*[0.0] * terms.n_powers, times * force, *inner] for times in SIMULATED.first_forces]
         yield terms, np.array(starts)
 
 

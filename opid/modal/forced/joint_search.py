@@ -65,21 +65,23 @@ def choose_form(trials: Sequence[Trial], mode: int, memory: str | None) -> Choic
     named = [each for each in trials if each.found.form.own[mode].memory in kinds]
     if memory is None or best in named:
         return Choice(best, _tell_found(best, mode) if memory is None else "")
-    if not named:
+    own = choose_trial(named) if named else None
+    near = [trials[index] for index in list_near(*list_errors(trials))]
+    simplest = best.found.form.own[mode]
+    # Friction is a joint of no travel, and slip without an end is one that never slides as a whole.
+    is_limit = own in near and (simplest.has_friction or simplest.memory is not None)
+    if own is None or is_limit:
         why = (
             f"mode {mode}: these tests do not determine {memory}, which the study names, so that it is left out: its "
             "largest force and the travel at which all of it slides are only told by motions to both sides of that "
             "travel; give tests at higher levels, or leave memory out"
         )
         return Choice(best, dropped=why)
-    own = choose_trial(named)
     errors = " and ".join(f"{100 * find_rms(each.found.errors):.2g} %" for each in (own, best))
-    near = [trials[index] for index in list_near(*list_errors(trials))]
     if own in near:
         warning = (
-            f"mode {mode}: the tests hardly tell {memory} from laws without it (what is left out in turn is missed by "
-            f"{errors} of the motion): the intervals of the joint hold only if it is of this kind; give tests at more "
-            "levels"
+            f"mode {mode}: the tests hardly tell {memory} from powers (what is left out in turn is missed by {errors} "
+            "of the motion): the intervals of the joint hold only if it is of this kind; give tests at more levels"
         )
         return Choice(own, warning)
     why = (

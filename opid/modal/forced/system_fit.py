@@ -211,7 +211,15 @@ def _refine_trial(system: System, finer: System, trial: Trial) -> list[FittedFor
 def _tell_joint(made: SystemFit, choice: Choice) -> SystemFit:
     """Return a fit with what is to be told of its joint."""
     joint, warnings = made.fit.joint_estimates, [choice.warning] if choice.warning else []
-    if joint.kind and joint.kind.is_sharp(tuple(float(each.value or 0.0) for each in joint.values)):
+    missed, named = made.missed[made.fit.mode], joint.named
+    if named is not None and missed > SIMULATED.warned_missed:
+        joint = joint.with_estimates(Estimate.without_interval)
+        warnings.append(
+            f"mode {made.fit.mode}: with a joint of the kind {named.name} the law still misses {100 * missed:.0f} % of "
+            "the motion, so that its values have no intervals: it is of another kind, or powers stand beside it (give "
+            "their orders)"
+        )
+    elif joint.kind and joint.kind.is_sharp(tuple(float(each.value or 0.0) for each in joint.values)):
         joint = replace(joint, values=(*joint.values[:-1], joint.values[-1].without_interval()))
         warnings.append(f"mode {made.fit.mode}: {TOO_SHARP}")
     fit = replace(made.fit, joint_estimates=joint)
@@ -226,7 +234,7 @@ def _explain_unbounded(tests: Sequence[ModalTest], fit: ModeFit, products: Seque
         f"no law of mode {fit.mode} could be simulated: with the values that the search begins with ({terms}, from the "
         "equation of motion) the model grows without bound under the forces of "
         f"{list_names(repr(each.name) for each in tests)}, which move the mode up to {fit.joint.largest:.3g} m kg^1/2, "
-        "where a search needs a bounded motion in every test; give tests at lower levels, too, lower orders, or name "
+        "or no joint that was tried stands out, where a search needs a bounded motion in every test; give tests at lower levels, too, lower orders, or name "
         "fewer couplings"
     )
 
