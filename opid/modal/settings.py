@@ -250,8 +250,9 @@ class SimulationSettings:
     first_step_rad: float = 0.35
     # largest change of the memory of a joint in a step, over its largest force
     memory_step: float = 0.5
-    # times by which this may shorten the steps of a search: joints with less travel are dry friction
-    most_finer: float = 32.0
+    # times by which this may shorten the steps of a search: joints with less travel are dry friction, and sharper ones
+    # are sliders
+    most_finer: float = 16.0
     # Jenkins elements of a joint: with 24, responses differed by 0.1 %, and couplings of modes by 0.2 %
     sliders: int = 60
     # slip travels of the first and the last element, over the largest displacement of the tests: what would slip only
@@ -265,6 +266,7 @@ class SimulationSettings:
     # relative change of errors and coefficients at which these searches end
     first_converged: float = 3e-4
     converged: float = 1e-6
+    boundless: float = 1e50  # acceleration from which on a motion grows without bound, long before squares overflow
     unbounded: float = 3.0  # errors of a model that grows without bound, over those of no motion at all
     # rms misfit of the powers over the noise, from which on friction and slip are tried: with the right law it is 1
     excess: float = 1.5

@@ -291,6 +291,8 @@ class SystemTest:
             duration_s=self.n_samples / self.fs,
             steps_per_sample=steps,
         )
+        if np.abs(motion.acceleration).max() > SIMULATED.boundless:
+            raise InputError("the motion grows without bound")
         spectrum = fft.rfft(motion.acceleration, axis=0)
         return [spectrum[lines, index] for index, lines in enumerate(self.lines)]
 

@@ -234,8 +234,8 @@ def _explain_unbounded(tests: Sequence[ModalTest], fit: ModeFit, products: Seque
         f"no law of mode {fit.mode} could be simulated: with the values that the search begins with ({terms}, from the "
         "equation of motion) the model grows without bound under the forces of "
         f"{list_names(repr(each.name) for each in tests)}, which move the mode up to {fit.joint.largest:.3g} m kg^1/2, "
-        "or no joint that was tried stands out, where a search needs a bounded motion in every test; give tests at lower levels, too, lower orders, or name "
-        "fewer couplings"
+        "or no joint that was tried stands out, where a search needs a bounded motion in every test; give tests at "
+        "lower levels, too, lower orders, or name fewer couplings"
     )
 
 
