@@ -25,7 +25,7 @@ from opid.modal.decay.free_decay import SCHEMA as DECAY, Decay
 from opid.modal.decay.law import DecayLaw
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.system_fit import DrivenLaw, SystemFit
-from opid.modal.joint_estimates import JointEstimates
+from opid.modal.joint_terms import JointEstimates
 from opid.modal.linear.fitted_modes import SCHEMA as MODES, FittedModes
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes

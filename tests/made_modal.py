@@ -11,7 +11,7 @@ from opid.modal.decay.free_decay import decay_of
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.forced.restoring_fit import OrderRung
 from opid.modal.forced.system_fit import DrivenLaw, LawTrial, SystemFit
-from opid.modal.joint_estimates import JointEstimates
+from opid.modal.joint_terms import JointEstimates
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes, condition_number, modal_test
 from opid.modal.model import NonlinearModalModel, simulate, truth_test

@@ -245,6 +245,22 @@ def test_a_joint_beside_a_power_that_nobody_names_is_left_out_or_has_no_interval
 # ---- the study -------------------------------------------------------------------------------------
 
 
+def test_the_free_decays_of_a_study_have_the_joint_that_it_names():
+    joint, at_rest = joint_of("dahl")
+    structure = Structure([[1.0]], [[C0]], [[K0 - at_rest]], (joint,))
+    still = np.zeros((2 * 4 * (round(3.0 * FS) - 1) + 1, 1))
+    speed = [1.5 * LARGEST * np.sqrt(K0)]
+    ring = time_response(structure, still, fs=FS, duration_s=3.0, initial_velocity=speed, steps_per_sample=4)
+    channels = ring.acceleration * MODES.shapes[:, 0]
+    channels = channels + 0.01 * channels.std(axis=0) * np.random.default_rng(0).standard_normal(channels.shape)
+    test = modal_test(recording_from_arrays(list(channels.T), MODES.sensors, fs=FS), MODES, name="ring")
+    decays = (StudyTest(test, "decay", 1),)
+    law = identify_modes(ModalStudy("ring", MODES, (1,), decays, memory="dahl_friction")).decay_laws[1]
+    assert law.joint_estimates.kind.name == "dahl_friction"
+    assert law.joint_estimates.values[0].holds(FORCE)
+    assert law.joint_estimates.values[1].holds(TRAVEL)
+
+
 def test_a_study_file_names_a_joint(tmp_path):
     path = tmp_path / "study.toml"
     write_study(study_of(beats_of("dahl", 0, (1.0,)), memory="bouc_wen"), path)

@@ -14,8 +14,7 @@ from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.system_fit import DrivenLaw
 from opid.modal.identification import identify_modes, make_model
-from opid.modal.joint_estimates import JointEstimates
-from opid.modal.joint_terms import SLIP, JointTerms, ModalJoint
+from opid.modal.joint_terms import SLIP, JointEstimates, JointTerms, ModalJoint
 from opid.modal.model import NonlinearModalModel, modal_response, simulate
 from opid.modal.power_laws import hold_unstable, list_held, power_law
 from opid.modal.study import ModalStudy, StudyTest

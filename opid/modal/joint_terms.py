@@ -1,23 +1,21 @@
 """What a joint adds to the powers of a mode: dry friction, slip of an Iwan joint, and kinds of law with memory.
 
-A joint remembers at which amplitudes it reversed, so that its force in a decay is not quite that of steady cycles. The
-change is proportional to how far the amplitude falls in a radian (`find_fall`): with a damping ratio of 2 % it is up to
-a tenth of the loss.
+What was estimated of such a joint, by free decays or by forced tests, is one record.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import lru_cache, partial
+from dataclasses import asdict, dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import beta, betainc
 
 from opid.errors import InputError, nearest
+from opid.estimate import Estimate, Estimates
 from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.laws.kind import Parameter
 from opid.mechanics.laws.kinds import LAWS
@@ -25,15 +23,12 @@ from opid.mechanics.laws.law import LINEAR, Law, Term
 from opid.mechanics.memory import find_steady_loop
 from opid.mechanics.structure import Sliders
 from opid.modal.settings import MODAL, SIMULATED
+from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
 Values = tuple[float, ...]
 IWAN = "iwan_friction"
-# fall of the amplitude in a radian, at which the change is measured: with 0.005 and 0.02 it differs by 1 %
-_FALL = 0.01
-# Half cycles before those that are averaged, for the start is forgotten then, their number, and the angles in each
-_BEFORE, _AVERAGED, _ANGLES = 4, 4, 64
-_AMPLITUDES = np.geomspace(0.03, 30.0, 49)
+_ANGLES = 64  # of a quarter of a cycle, over which a loss is averaged
 
 
 @dataclass(frozen=True)
@@ -278,75 +273,6 @@ def slip_damping(exponent: float) -> float:
     return float(4.0 / (np.pi * (2.0 + exponent) * (3.0 + exponent)))
 
 
-@dataclass(frozen=True, eq=False)
-class Fall:
-    """What a falling amplitude changes, over `_AMPLITUDES`, of a joint of unit force and unit travel.
-
-    Args:
-        change: (n,) change of the first harmonic over the amplitude and over the fall in a radian: the real part is in
-            the stiffness, the imaginary one in omega c.
-    """
-
-    change: NDArray[np.complex128]
-
-    def at(self, amplitude: FloatArray) -> NDArray[np.complex128]:
-        """Return the change at amplitudes; beyond those that were followed it falls in proportion to the amplitude."""
-        inside = np.interp(np.log(amplitude), np.log(_AMPLITUDES), self.change)
-        return np.asarray(inside * np.minimum(1.0, _AMPLITUDES[-1] / amplitude))
-
-
-@lru_cache(maxsize=64)
-def find_fall(name: str, *inner: float) -> Fall:
-    """Return what a falling amplitude changes in the force of a kind of `JOINT_KINDS`.
-
-    Args:
-        name: the kind.
-        inner: its parameters that follow the amplitude and the travel.
-    """
-    values = (1.0, 1.0, *inner)
-    n = _BEFORE + _AVERAGED
-    turns = np.pi * np.arange(n + 1) - np.arctan(_FALL)
-    angle = turns[:-1, None] + np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
-    middle = np.pi * (_BEFORE + 0.5 * _AVERAGED)
-    level = _AMPLITUDES[:, None, None] * np.exp(-_FALL * (angle - middle))
-    ends = _AMPLITUDES[:, None] * np.exp(-_FALL * (turns - middle)) * np.abs(np.cos(turns))
-    force = _follow_joint(values, name, level * np.cos(angle), ends)[:, _BEFORE:].reshape(_AMPLITUDES.size, -1)
-    angle, level = angle[_BEFORE:].ravel(), level[:, _BEFORE:].reshape(_AMPLITUDES.size, -1)
-    softening, damping = find_joint_curves(name, values, level)
-    steady = level * ((find_rest_stiffness(name, values) - softening) * np.cos(angle) - damping * np.sin(angle))
-    window = 1.0 - np.cos(2.0 * np.pi * (np.arange(angle.size) + 0.5) / angle.size)
-    change = (force - steady) @ (window * np.exp(-1j * angle)) / window.sum()
-    return Fall(2.0 * change / _AMPLITUDES / _FALL)
-
-
-def _follow_joint(values: tuple[float, ...], name: str, q: FloatArray, ends: FloatArray) -> FloatArray:
-    """Return the force (n, m, k) of a joint of unit force and travel along half cycles of a falling amplitude.
-
-    Args:
-        values: the parameters of the joint.
-        name: its kind.
-        q: (n, m, k) displacements in m half cycles, of which the first one falls.
-        ends: (n, m + 1) displacements at the reversals, without their signs.
-    """
-    force = np.empty_like(q)
-    signs = (-1.0) ** np.arange(q.shape[1])
-    if name == IWAN:
-        load = partial(load_joint, name, values)
-        # The rule of Masing holds for sliders side by side, and no loop closes in a larger one.
-        top = load(ends[:, 0])
-        for m, sign in enumerate(signs):
-            force[:, m] = sign * (top[:, None] - 2.0 * load(0.5 * (ends[:, m, None] - sign * q[:, m])))
-            top = 2.0 * load(0.5 * (ends[:, m] + ends[:, m + 1])) - top
-        return force
-    loop = find_steady_loop(name, *values[2:])
-    top = loop.find_top(ends[:, 0])
-    for m, sign in enumerate(signs):
-        place = loop.find_place(-top)
-        force[:, m] = -sign * loop.find_force(ends[:, m, None] - sign * q[:, m] + place[:, None])
-        top = loop.find_force(ends[:, m] + ends[:, m + 1] + place)
-    return force
-
-
 @dataclass(frozen=True)
 class JointTerms:
     """What a joint adds to the powers: dry friction, and the slip of an Iwan joint.
@@ -383,16 +309,6 @@ class JointTerms:
         """Return by how much joints lower the secant stiffness at amplitudes, force per unit mass over displacement."""
         slipped = self.slip * slip_softening(self.exponent) * amplitude ** (1.0 + self.exponent)
         return slipped + find_joint_curves(self.kind, self.values, amplitude)[0] if self.kind else slipped
-
-    def find_fall(self, amplitude: FloatArray) -> NDArray[np.complex128]:
-        """Return what a falling amplitude changes in a named joint, over -A'/(omega A), in the unit of stiffness.
-
-        The real part is in the secant stiffness, the imaginary one in omega c(A).
-        """
-        if not self.kind:
-            return np.zeros(amplitude.shape, dtype=np.complex128)
-        force, travel, *inner = self.values
-        return force / travel * find_fall(self.kind, *inner).at(amplitude / travel)
 
     def find_slip_force(self, displacement: FloatArray) -> FloatArray:
         """Return what slip takes from the force K q on first loading at displacements, force per unit mass."""
@@ -485,3 +401,90 @@ class ModalJoint:
         if jump > 0.0:
             stiffness, slip_force = np.append(stiffness, jump), np.append(slip_force, jump * end)
         return stiffness, slip_force
+
+
+ABSENT = Estimate()
+
+
+@dataclass(frozen=True)
+class JointEstimates(Estimates):
+    """What was estimated of a joint; forces are per unit mass, or modal forces.
+
+    Args:
+        friction: dry friction F; empty where there is none.
+        kind: the joint with memory; None for none.
+        values: its values: R, force over displacement^(2 + chi), and chi of slip without an end, or those of a named
+            kind in the order of its parameters, the largest force and the travel at which it slides first. The
+            stiffness that a joint has while nothing slides belongs to k0.
+    """
+
+    friction: Estimate = ABSENT
+    kind: JointKind | None = None
+    values: tuple[Estimate, ...] = ()
+
+    @property
+    def slip(self) -> Estimate:
+        """R of an Iwan joint whose slip has no end; empty without one."""
+        return self.values[0] if self.kind and self.kind.is_slip else ABSENT
+
+    @property
+    def slip_exponent(self) -> Estimate:
+        """The exponent chi of that joint; empty without one."""
+        return self.values[1] if self.kind and self.kind.is_slip else ABSENT
+
+    @property
+    def named(self) -> JointKind | None:
+        """The joint of a named kind, in the place of slip without an end; None for none."""
+        return None if self.kind is None or self.kind.is_slip else self.kind
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether force and travel of a named kind, if there is one, stand out of their standard deviations."""
+        first = self.values[:2] if self.named else ()
+        return all(float(each.value or 0.0) > MODAL.joint_sigma * float(each.std or 0.0) for each in first)
+
+    @property
+    def terms(self) -> list[str]:
+        """The names of what the joint adds to the powers."""
+        of_friction = [] if self.friction.value is None else ["friction"]
+        return of_friction + ([] if self.kind is None else [self.kind.name])
+
+    def make(self, largest: float) -> ModalJoint:
+        """Return the joint, ready to be simulated, of a mode whose tests have this largest displacement."""
+        values = tuple(float(each.value or 0.0) for each in self.values)
+        return ModalJoint(JointTerms.of_kind(float(self.friction.value or 0.0), self.kind, values), largest)
+
+    def list_values(self, force: str, length: str) -> Iterator[tuple[str, Estimate, str]]:
+        """Yield name, estimate and unit of friction and of the values of the joint, where there are any.
+
+        Args:
+            force: the unit of force.
+            length: the unit of displacement.
+        """
+        if self.friction.value is not None:
+            yield "friction", self.friction, force
+        if self.slip.value is not None:
+            power = 2.0 + float(self.slip_exponent.value or 0.0)
+            yield "slip", self.slip, f"{force} / {length.replace(' ', '*')}^{power:.3g}"
+            yield "slip_exponent", self.slip_exponent, "1"
+        for name, unit, estimate in self._list_named():
+            yield f"{self.kind.name if self.kind else ''}.{name}", estimate, {"N": force, "m": length}.get(unit, unit)
+
+    def list_rows(self, name: str = "") -> Iterator[SummaryRow]:
+        """Yield the joint of a mode as rows of a summary; `name` stands before their names."""
+        for label, estimate, unit in self.list_values("N/kg^1/2", "m kg^1/2"):
+            yield SummaryRow.of(f"{name}{label}", estimate, unit)
+
+    def as_json(self, prefix: str = "") -> dict[str, Any]:
+        """Return the joint as result.json holds it; `prefix` stands before the keys of a named kind."""
+        return {
+            **{name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")},
+            f"{prefix}kind": None if self.named is None else self.named.name,
+            f"{prefix}values": {name: asdict(estimate) for name, _, estimate in self._list_named()},
+        }
+
+    def _list_named(self) -> Iterator[tuple[str, str, Estimate]]:
+        """Yield name, unit and estimate of each value of a named kind."""
+        if self.named is not None:
+            for parameter, estimate in zip(self.named.parameters, self.values, strict=True):
+                yield parameter.words, parameter.unit, estimate

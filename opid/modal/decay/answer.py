@@ -14,10 +14,9 @@ from opid.modal.decay.forms import DecayProblem, FittedForms
 from opid.modal.decay.law import DecayLaw, withhold_intervals
 from opid.modal.decay.law_search import LawForm
 from opid.modal.decay.scaled_track import find_span
-from opid.modal.decay.slow_flow import Flow, solve_slow_flow
+from opid.modal.decay.slow_flow import Flow, find_joint_fall, solve_slow_flow
 from opid.modal.forced.restoring_fit import find_jackknife
-from opid.modal.joint_estimates import JointEstimates
-from opid.modal.joint_terms import TOO_SHARP, find_rest_stiffness
+from opid.modal.joint_terms import TOO_SHARP, JointEstimates, find_rest_stiffness
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -99,7 +98,7 @@ def _widen_curves(best: FormFit, curves: _LawCurves) -> _LawCurves:
         return curves
     joint = best.form.split(best.vector)[2]
     ratio = 0.5 * curves.damping / curves.natural
-    error, change = MODAL.joint_error[1] * float(np.max(ratio)), ratio * joint.find_fall(curves.level)
+    error, change = MODAL.joint_error[1] * float(np.max(ratio)), ratio * find_joint_fall(joint, curves.level)
     square = np.hypot(error * joint.find_softening(curves.level), change.real)
     damping = np.hypot(error * curves.damping, change.imag / curves.natural)
     return replace(

@@ -12,8 +12,7 @@ from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.slow_flow import CloseModes
-from opid.modal.joint_estimates import JointEstimates
-from opid.modal.joint_terms import ModalJoint
+from opid.modal.joint_terms import JointEstimates, ModalJoint
 from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.signals.recording import FloatArray
 

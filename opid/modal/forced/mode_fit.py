@@ -34,8 +34,7 @@ from opid.modal.forced.restoring_fit import (
     linearised,
     search_orders,
 )
-from opid.modal.joint_estimates import ABSENT, JointEstimates
-from opid.modal.joint_terms import ModalJoint
+from opid.modal.joint_terms import ABSENT, JointEstimates, ModalJoint
 from opid.modal.linear.modes import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
 from opid.modal.power_laws import coefficients_json, make_fitted_law, withhold_negative

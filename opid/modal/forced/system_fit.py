@@ -19,21 +19,31 @@ from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.couplings import Coupling, Product
 from opid.modal.forced.equation import mode_lines
-from opid.modal.forced.form_search import Trial, list_errors, list_joints, list_own, mirror, try_forms
-from opid.modal.forced.joint_search import Choice, choose_form, list_kinds, try_other_joints
+from opid.modal.forced.form_search import (
+    Choice,
+    Trial,
+    choose_form,
+    list_errors,
+    list_joints,
+    list_kinds,
+    list_own,
+    mirror,
+    try_forms,
+    try_other_joints,
+)
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.mode_tests import Interaction
-from opid.modal.forced.mode_update import estimate_joint, update_mode_fit
 from opid.modal.forced.restoring_fit import find_rms, find_shown_mass, list_near
 from opid.modal.forced.simulated_fit import (
     FittedForm,
+    estimate_joint,
     fit_form,
     fit_mass,
     refine_form,
+    update_mode_fit,
 )
 from opid.modal.forced.system import System, SystemValues, make_system
-from opid.modal.joint_estimates import JointEstimates
-from opid.modal.joint_terms import TOO_SHARP, ModalJoint
+from opid.modal.joint_terms import TOO_SHARP, JointEstimates, ModalJoint
 from opid.modal.linear.modes import ModalTest
 from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.modal.settings import MODAL, SIMULATED
