@@ -195,7 +195,9 @@ def test_the_fit_tells_the_joint_and_its_curves():
     assert mode["joint_kind"] == "dahl_friction"
     assert mode["joint_values"]["scale"]["value"] == rows["mode_1.dahl_friction.scale"].estimate.value
     assert mode["slip"]["value"] is None
-    assert "dahl_friction" in writing.text(found)
+    text = " ".join(writing.text(found).split())
+    assert "friction that bends before it slides (Dahl), whose stiffness before it slides is in k0" in text
+    assert "1, 1, dahl_friction" in text
     # Frequency, damping and forces are those of the true joint.
     truth, at = JointTerms(kind="dahl_friction", values=(FORCE, TRAVEL)), fit.stiffness_curve.position[1:]
     omega = np.sqrt(K0 - truth.find_softening(at))

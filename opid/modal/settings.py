@@ -298,11 +298,12 @@ class SimulationSettings:
     # relative standard deviation of dry friction because nobody knows how far it bends before it slides: with travels
     # of zero and of a thousandth of the largest displacement it differs by this
     friction_std: float = 0.003
-    # relative standard deviation of the values of a joint of a named kind, and of k0, by the steps of the simulation:
-    # forces of one slider were off by 0.0006 on the average of 20 tests, and k0 by 2.5e-6 (by up to 1.4e-5 of friction
-    # that bends)
+    # relative standard deviation of the values of a joint of a named kind, of k0 and of c0, by the steps of the
+    # simulation: forces of one slider were off by 0.0006 on the average of 20 tests, k0 by 2.5e-6 (by up to 1.4e-5 of
+    # friction that bends), and c0 by 0.0007
     joint_std: float = 0.001
     stiffness_std: float = 5e-6
+    damping_std: float = 1e-3
     # directions of a joint with which the search begins, as ratio of the stretches by the largest displacements: its
     # sign decides which half of the cycle is softer, and a search does not cross zero
     first_ratios: tuple[float, ...] = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)

@@ -99,8 +99,8 @@ class ModeFit:
         condition_scaled: condition number of the columns scaled to unit norm, as they are solved.
         modal_mass: mass that the tests show for the mode, 1 where shapes and force are in order.
         stiffness_curve: nonlinear stiffness force over displacement.
-        damping_curve: nonlinear damping force over velocity; slip, whose force has a memory, counts as the power of the
-            velocity that loses as much (`JointTerms.find_loss_force`).
+        damping_curve: nonlinear damping force over velocity; slip and joints, whose force has a memory, count as the
+            force of the velocity that loses as much (`JointTerms.find_loss_force`).
         frequency_at_hz: natural frequency at the amplitudes of `stiffness_curve`, Hz (harmonic linearisation).
         damping_at: damping ratio at the same amplitudes.
         orders: the orders that were tried, if they were searched.

@@ -381,9 +381,11 @@ def _find_spread(chosen: FittedForm, near: Sequence[FittedForm]) -> FloatArray:
 def _find_model_errors(system: System, found: FittedForm) -> FloatArray:
     """Return standard deviations of the values, flattened, by steps of the simulation and by how friction sticks."""
     errors: list[float] = []
-    for k0, values in zip(system.modes.stiffness().tolist(), found.values.own.values(), strict=True):
+    linear = np.column_stack([system.modes.stiffness(), system.modes.damping()]).tolist()
+    for (k0, c0), values in zip(linear, found.values.own.values(), strict=True):
         errors += [SIMULATED.stiffness_std * k0 if n == 1 else 0.0 for n in values.stiffness]
-        errors += [0.0 for _ in values.damping] + [SIMULATED.friction_std * each for each in values.friction]
+        errors += [SIMULATED.damping_std * c0 if n == 1 else 0.0 for n in values.damping]
+        errors += [SIMULATED.friction_std * each for each in values.friction]
         of_joint = 0.0 if values.kind is None or values.kind.is_slip else SIMULATED.joint_std
         errors += [of_joint * each for each in values.values]
     return np.array([*errors, *(0.0 for _ in range(len(found.covariance) - len(errors)))])
