@@ -98,14 +98,14 @@ def main() -> None:
     print(table_head("value", "seeds", "told", "rms error", "largest", "intervals hold"))
     decays = [follow(np.random.default_rng([1, seed]), K0, C0, FRICTION) for seed in seeds]
     laws = [decay.fitted for decay in decays if decay.fitted is not None]
-    print_row("friction force", [(law.friction, FRICTION) for law in laws])
+    print_row("friction force", [(law.joint_estimates.friction, FRICTION) for law in laws])
     print_row("viscous damping beside it", [(law.damping[1], C0) for law in laws])
     print_row("frequency at zero amplitude beside it", [(law.frequency_low_hz, OMEGA / (2 * np.pi)) for law in laws])
     for fraction in (0.004, 0.007):
         force = fraction * K0 * LEVEL
         short = [follow(np.random.default_rng([3, seed]), K0, C0, force).fitted for seed in seeds]
         given = [law for law in short if law is not None]
-        print_row(f"friction force, {100 * fraction:g} %", [(law.friction, force) for law in given])
+        print_row(f"friction force, {100 * fraction:g} %", [(law.joint_estimates.friction, force) for law in given])
         print_row("viscous damping beside it", [(law.damping[1], C0) for law in given])
     pooled = []
     for seed in seeds[: max(len(seeds) // 5, 1)]:

@@ -191,7 +191,7 @@ def segalman_searched(seed: int) -> Figures:
     """The law is searched, with friction and slip; its exponent is -1/2."""
     fits, truths = beats_of("segalman", seed, "rms", (0.8, 1.0, 1.5))
     found = identify_modes(study_of(fits, truths))
-    exponent = found.fits[0].slip_exponent
+    exponent = found.fits[0].joint_estimates.slip_exponent
     told = {
         "interval of the exponent holds": float(exponent.holds(-0.5)),
         "exponent of slip": float(exponent.value) if exponent.value is not None else float("nan"),

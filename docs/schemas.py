@@ -25,6 +25,7 @@ from opid.modal.decay.free_decay import SCHEMA as DECAY, Decay
 from opid.modal.decay.law import DecayLaw
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.system_fit import DrivenLaw, SystemFit
+from opid.modal.joint_terms import JointEstimates
 from opid.modal.linear.fitted_modes import SCHEMA as MODES, FittedModes
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
@@ -355,10 +356,18 @@ def _free_decay() -> Json:
 
 
 def _joint() -> Json:
-    names = ("friction", "slip", "slip_exponent", "frequency_scatter_hz", "damping_scatter")
-    kind = {"kind": or_null(TEXT) | {"description": "the name of the kind of joint in the place of slip"}}
-    values = {"values": table(ESTIMATE) | {"description": "its values by name, empty without one"}}
-    return {"joint": or_null(keys(fields_of(DecayLaw, *names) | kind | values))}
+    scatter = fields_of(DecayLaw, "frequency_scatter_hz", "damping_scatter")
+    return {"joint": or_null(keys(_joint_estimates() | scatter))}
+
+
+def _joint_estimates(prefix: str = "") -> Json:
+    slip, exponent = (
+        {name: ESTIMATE | {"description": getattr(JointEstimates, name).__doc__.rstrip(".")}}
+        for name in ("slip", "slip_exponent")
+    )
+    kind = or_null(TEXT) | {"description": "the name of the kind of joint in the place of slip"}
+    values = table(ESTIMATE) | {"description": "its values by name, empty without one"}
+    return fields_of(JointEstimates, "friction") | slip | exponent | {f"{prefix}kind": kind, f"{prefix}values": values}
 
 
 def _linear_modes() -> Json:
@@ -382,8 +391,7 @@ def _modal() -> Json:
 
     always = ("mode", "frequency_hz", "damping_ratio", "stiffness_order", "damping_order", "free_linear", "tests")
     forced = ("band_hz", "n_lines", "condition_raw", "condition_scaled", "modal_mass", "delay_s")
-    joint = ("friction", "slip", "slip_exponent")
-    mode = fields_of(ModeFit, *always, *joint, "orders", "interactions", "warnings") | _powers()
+    mode = fields_of(ModeFit, *always, "orders", "interactions", "warnings") | _powers() | _joint_estimates("joint_")
     mode |= {"known_by": {"enum": ["forced tests", "free decays"]}}
     of_forced = fields_of(ModeFit, *forced, "frequency_at_hz", "damping_at", "misfit") | _residual_of(ModeFit)
     of_forced["force_curves"] = keys({"stiffness": force("displacement"), "damping": force("velocity")})
@@ -409,7 +417,7 @@ def _system() -> Json:
         {"modes": array({"type": "integer"}), "of_velocity": {"type": "boolean"}, "unit": TEXT}
         | {"coefficient": ESTIMATE}
     )
-    law = fields_of(DrivenLaw, "friction", "slip", "slip_exponent", "largest") | _powers()
+    law = fields_of(DrivenLaw, "largest") | _powers() | _joint_estimates("joint_")
     by_mode = {"driven": table(keys(law)), "ratios": table(ESTIMATE), "missed": table(NUMBER)}
     own = fields_of(SystemFit, "modes", "trials", "warnings")
     return keys(own | {"couplings": array(coupling)} | by_mode)

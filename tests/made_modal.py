@@ -11,6 +11,7 @@ from opid.modal.decay.free_decay import decay_of
 from opid.modal.forced.mode_fit import ForceCurve, ModeFit
 from opid.modal.forced.restoring_fit import OrderRung
 from opid.modal.forced.system_fit import DrivenLaw, LawTrial, SystemFit
+from opid.modal.joint_terms import JointEstimates
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes, condition_number, modal_test
 from opid.modal.model import NonlinearModalModel, simulate, truth_test
@@ -97,7 +98,7 @@ def small_system():
         fit=small_fit(),
         driven={
             4: DrivenLaw(
-                {1: Estimate.normal(12.0, 30.0)}, {1: Estimate.normal(0.01, 0.02)}, *[Estimate()] * 3, largest=2e-4
+                {1: Estimate.normal(12.0, 30.0)}, {1: Estimate.normal(0.01, 0.02)}, JointEstimates(), largest=2e-4
             )
         },
         couplings=(Coupling(Product((SOFT, SOFT, 4)), Estimate.normal(2e7, 1e5)),),

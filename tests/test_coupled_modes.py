@@ -166,7 +166,7 @@ def test_the_joint_between_modes_is_found(identified):
     assert found[Product((1, 1, 2))].value == pytest.approx(JOINT[Product((1, 1, 2))], rel=0.02)
     assert abs(system.ratios[2].value - 1.6) < 3 * system.ratios[2].std
     fit = identified.fits[0]
-    assert abs(fit.slip_exponent.value + 0.5) < 3 * fit.slip_exponent.std
+    assert abs(fit.joint_estimates.slip_exponent.value + 0.5) < 3 * fit.joint_estimates.slip_exponent.std
     assert not any("interact" in text for text in identified.all_warnings)
 
 
@@ -228,7 +228,7 @@ def test_modes_that_do_not_interact_have_no_coupling():
     found = identify_modes(make_study(beats))
     assert len(found.systems) == 1
     assert not found.systems[0].couplings
-    assert found.fits[0].slip.value is not None
+    assert found.fits[0].joint_estimates.slip.value is not None
 
 
 def test_a_shape_that_is_too_large_is_told(beats):
@@ -256,7 +256,7 @@ def test_friction_beside_powers_is_found():
     slides = ModalJoint(JointTerms(friction=0.5), 1e-3)
     beats = make_beats(NonlinearModalModel(MODES, {}, {1: slides}), LEVELS)
     found = identify_modes(make_study(beats))
-    friction = found.fits[0].friction
+    friction = found.fits[0].joint_estimates.friction
     assert friction.value == pytest.approx(0.5, rel=0.05)
     assert abs(friction.value - 0.5) < 3 * friction.std
 
@@ -291,8 +291,8 @@ def test_the_model_has_the_friction_of_free_decays():
     decay = modal_test(recording, MODES, name="decay")
     found = identify_modes(ModalStudy("decay", MODES, (1,), (StudyTest(decay, "decay", 1),)))
     law = found.decay_laws[1]
-    assert abs(law.friction.value - 0.4) < 3 * law.friction.std
-    assert found.model.joints[1].terms.friction == law.friction.value
+    assert abs(law.joint_estimates.friction.value - 0.4) < 3 * law.joint_estimates.friction.std
+    assert found.model.joints[1].terms.friction == law.joint_estimates.friction.value
     assert any(row.name == "mode_1.decays.friction" for row in found.summary())
 
 

@@ -44,7 +44,7 @@ def test_friction_alone_takes_the_same_length_from_each_cycle():
 
 def test_friction_and_viscous_damping_are_told_apart_without_noise():
     decay = free_decay(rubbing(0, noise=1e-4), fs=FS)
-    assert decay.fitted.friction.value == pytest.approx(FRICTION, rel=0.005)
+    assert decay.fitted.joint_estimates.friction.value == pytest.approx(FRICTION, rel=0.005)
     assert decay.damping[1].value == pytest.approx(C0, rel=0.005)
     # the terms of second order keep the frequency
     assert decay.frequency_low_hz.value == pytest.approx(60.0, abs=5e-4)
@@ -56,8 +56,12 @@ def test_the_intervals_of_friction_hold():
     for seed in range(6):
         decay = free_decay(rubbing(seed), fs=FS)
         assert decay.damping_low.value is None
-        assert decay.fitted.friction.value == pytest.approx(FRICTION, rel=0.04)
-        held += [decay.fitted.friction.holds(FRICTION), decay.damping[1].holds(C0), decay.frequency_low_hz.holds(60.0)]
+        assert decay.fitted.joint_estimates.friction.value == pytest.approx(FRICTION, rel=0.04)
+        held += [
+            decay.fitted.joint_estimates.friction.holds(FRICTION),
+            decay.damping[1].holds(C0),
+            decay.frequency_low_hz.holds(60.0),
+        ]
     # 18 intervals: 5 misses or more of true 95 % ones come once in 600 such tests
     assert sum(held) >= 14
 
@@ -65,7 +69,7 @@ def test_the_intervals_of_friction_hold():
 def test_no_friction_is_found_where_there_is_none():
     for seed in range(4):
         decay = free_decay(rubbing(seed, friction=0.0), fs=FS)
-        assert decay.fitted.friction.value is None
+        assert decay.fitted.joint_estimates.friction.value is None
         assert decay.damping_low.value == pytest.approx(0.004, rel=0.02)
 
 

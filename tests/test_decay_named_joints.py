@@ -100,7 +100,7 @@ def test_a_named_joint_is_found_with_intervals_that_hold(world, seed):
     kind, truth = WORLDS[world]
     decay = follow(ring(world), kind, seed)
     law = decay.fitted
-    found = {name.split(".")[1]: estimate for name, estimate, _ in law.list_joint_values("m/s^2", "m")}
+    found = {name.split(".")[1]: estimate for name, estimate, _ in law.joint_estimates.list_values("m/s^2", "m")}
     assert found.keys() == truth.keys()
     for name, value in truth.items():
         assert found[name].holds(value)
@@ -136,8 +136,8 @@ def test_the_model_of_the_law_predicts_the_decay(world):
 def test_repeats_have_one_joint():
     decays = [follow(ring("dahl"), "dahl_friction", seed) for seed in range(2)]
     both = law_of_decays(decays, memory="dahl_friction")
-    assert both.joint_values[0].holds(FORCE)
-    assert both.joint_values[1].holds(TRAVEL)
+    assert both.joint_estimates.values[0].holds(FORCE)
+    assert both.joint_estimates.values[1].holds(TRAVEL)
 
 
 def test_a_result_tells_the_joint():
@@ -155,9 +155,9 @@ def test_a_result_tells_the_joint():
 def test_a_joint_is_found_where_powers_friction_and_slip_miss_the_decay(world):
     law = follow(ring(world), None, 2).fitted
     kind, truth = WORLDS[world]
-    assert law.joint_kind.name == kind
-    assert law.joint_kind.n_fitted == len(truth)
-    assert all(each.holds(value) for each, value in zip(law.joint_values, truth.values(), strict=True))
+    assert law.joint_estimates.named.name == kind
+    assert law.joint_estimates.kind.n_fitted == len(truth)
+    assert all(each.holds(value) for each, value in zip(law.joint_estimates.values, truth.values(), strict=True))
     assert any("do not explain the decay, but" in each for each in law.warnings)
 
 
@@ -166,11 +166,11 @@ def test_a_slider_is_found_by_its_name_and_never_told_by_an_exponent(seed):
     # Beside a damping ratio of 1 % the windows round its corner off.
     signal = ring_with_sliders(Sliders([FORCE / TRAVEL], [FORCE]), c0=0.02 * OMEGA)
     named = follow(signal, "iwan_friction", seed).fitted
-    assert named.joint_values[0].holds(FORCE)
-    assert named.joint_values[1].holds(TRAVEL)
+    assert named.joint_estimates.values[0].holds(FORCE)
+    assert named.joint_estimates.values[1].holds(TRAVEL)
     free = follow(signal, None, seed).fitted
-    if free.joint_kind is not None and free.joint_kind.name == "bouc_wen":
-        assert free.joint_values[2].interval95 is None
+    if free.joint_estimates.named is not None and free.joint_estimates.named.name == "bouc_wen":
+        assert free.joint_estimates.values[2].interval95 is None
         assert any("hardly told from one slider" in each for each in free.warnings)
 
 
@@ -201,8 +201,10 @@ def test_a_joint_that_never_slides_as_a_whole_tells_no_largest_force(seed):
     assert any("does not determine iwan_friction" in each for each in decay.warnings)
     # Without the name it is the slip of the micro-slip.
     law = follow(signal, None, seed).fitted
-    assert law.joint_kind is None
-    assert law.slip_exponent.value is None or law.slip_exponent.value == pytest.approx(-0.3, abs=0.05)
+    assert law.joint_estimates.named is None
+    assert law.joint_estimates.slip_exponent.value is None or law.joint_estimates.slip_exponent.value == pytest.approx(
+        -0.3, abs=0.05
+    )
 
 
 def test_dry_friction_tells_no_travel():
@@ -211,7 +213,7 @@ def test_dry_friction_tells_no_travel():
     )
     for kind in ("dahl_friction", "bouc_wen"):
         assert follow(signal, kind).fitted is None
-    assert follow(signal, None).fitted.friction.holds(0.002 * K0 * LEVEL)
+    assert follow(signal, None).fitted.joint_estimates.friction.holds(0.002 * K0 * LEVEL)
 
 
 def test_powers_are_not_told_as_a_joint():
@@ -225,13 +227,13 @@ def test_powers_are_not_told_as_a_joint():
         decay = follow(-force(*found.y), kind)
         if decay.fitted is not None:
             assert any(f"laws without {kind} explain the decay better" in each for each in decay.warnings)
-            assert all(each.std is None for each in decay.fitted.joint_values)
+            assert all(each.std is None for each in decay.fitted.joint_estimates.values)
 
 
 def test_another_kind_of_joint_is_refused_or_doubted():
     for world, kind in (("bouc_wen", "iwan_friction"), ("dahl", "bouc_wen"), ("jenkins", "dahl_friction")):
         decay = follow(ring(world), kind)
-        assert decay.fitted is None or all(each.std is None for each in decay.fitted.joint_values)
+        assert decay.fitted is None or all(each.std is None for each in decay.fitted.joint_estimates.values)
 
 
 def test_a_kind_that_is_none_of_a_joint_is_refused():

@@ -219,7 +219,7 @@ def test_curves_without_a_law_carry_their_scatter(seed):
     # Asked for nothing, the search finds the joint: iwan() has the travel 0.6 LEVEL and a jump of 3.
     found = free_decay(samples, fs=FS).fitted
     truth = (0.02 * K0 * LEVEL, 0.6 * LEVEL, 2.0 / 3.0, 3.0)
-    assert all(each.holds(value) for each, value in zip(found.joint_values, truth, strict=True))
+    assert all(each.holds(value) for each, value in zip(found.joint_estimates.values, truth, strict=True))
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -14,7 +14,7 @@ from opid.modal.decay.free_decay import law_of_decays
 from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.system_fit import DrivenLaw
 from opid.modal.identification import identify_modes, make_model
-from opid.modal.joint_terms import JointTerms, ModalJoint
+from opid.modal.joint_terms import SLIP, JointEstimates, JointTerms, ModalJoint
 from opid.modal.model import NonlinearModalModel, modal_response, simulate
 from opid.modal.power_laws import hold_unstable, list_held, power_law
 from opid.modal.study import ModalStudy, StudyTest
@@ -124,9 +124,10 @@ def test_laws_of_driven_modes_are_held_too():
     modes = small_modes()
     k0 = float(modes.stiffness()[3])
 
-    def model_of(k3, *joint):
-        joint = (*(Estimate.normal(each, 0.0) for each in joint), *[Estimate()] * 3)[:3]
-        law = DrivenLaw({3: Estimate.normal(k3, 0.0)}, {}, *joint, largest=2e-4)
+    def model_of(k3, *slip):
+        values = tuple(Estimate.normal(each, 0.0) for each in slip)
+        joint = JointEstimates(kind=SLIP if slip else None, values=values)
+        law = DrivenLaw({3: Estimate.normal(k3, 0.0)}, {}, joint, largest=2e-4)
         return make_model(modes, [small_fit()], systems=[replace(small_system(), driven={4: law})])
 
     def unstable(k0):
@@ -141,8 +142,8 @@ def test_laws_of_driven_modes_are_held_too():
     slip = 0.3 * k0 / (4e-4**0.5 / 0.5)
     carried = ModalJoint(JointTerms(slip=slip, exponent=-0.5), 2e-4).stuck_stiffness
     assert carried == pytest.approx(0.3 * k0, rel=1e-9)
-    assert list_held(model_of(1.01 * unstable(0.7 * k0), 0.0, slip, -0.5).laws[4]) == ["stiffness"]
-    assert list_held(model_of(0.99 * unstable(0.7 * k0), 0.0, slip, -0.5).laws[4]) == []
+    assert list_held(model_of(1.01 * unstable(0.7 * k0), slip, -0.5).laws[4]) == ["stiffness"]
+    assert list_held(model_of(0.99 * unstable(0.7 * k0), slip, -0.5).laws[4]) == []
 
 
 def test_the_law_of_free_decays_is_held_too():

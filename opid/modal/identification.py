@@ -103,7 +103,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         ),
         not_determined=_explain_no_law(study, shifts),
         settings=_list_orders(study)
-        | {name: getattr(study, name) for name in ("free_linear", *THRESHOLDS)}
+        | {name: getattr(study, name) for name in ("free_linear", "memory", *THRESHOLDS)}
         | {"nonlinear": list(nonlinear), "study": str(study.source or "")},
         decay_laws=decay_laws,
         systems=systems,
@@ -286,9 +286,9 @@ def _fit_systems(
     for fit in fits:
         others = taken & _list_involved(study, fit)
         found = None if others else _try_system(study, fit, say, warnings)
-        if others and (named := study.find_couplings(fit.mode)):
+        if others and (asked := _name_asked(study, fit.mode)):
             warnings.append(
-                f"the coupling(s) {_name_products(named)} that the study names are left out: mode(s) "
+                f"{asked} that the study names {'are' if study.find_couplings(fit.mode) else 'is'} left out: mode(s) "
                 f"{', '.join(map(str, sorted(others)))} are already fitted together with other modes; fit them in a "
                 f"study of their own, in which mode {fit.mode} is the only nonlinear one"
             )
@@ -307,6 +307,13 @@ def _fit_systems(
     return tuple(done), tuple(systems), warnings
 
 
+def _name_asked(study: ModalStudy, mode: int) -> str:
+    """Return what a study names beside powers for a mode, "" for nothing."""
+    products = study.find_couplings(mode)
+    of_couplings = [f"the coupling(s) {_name_products(products)}"] if products else []
+    return " and ".join([*of_couplings, *([f"the joint {study.memory}"] if study.memory else [])])
+
+
 def _name_products(products: Sequence[Product]) -> str:
     return ", ".join(each.name for each in products)
 
@@ -321,14 +328,14 @@ def _list_involved(study: ModalStudy, fit: ModeFit) -> set[int]:
 def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) -> SystemFit | None:
     """Return the law of a mode by simulation, where powers of one mode are not enough; None where they are."""
     search_own = study.stiffness_order is None and study.damping_order is None
-    products, involved = study.find_couplings(fit.mode), _list_involved(study, fit)
-    if len(involved) == 1 and not products and not (search_own and fit.misfit > SIMULATED.excess):
+    products, involved, asked = study.find_couplings(fit.mode), _list_involved(study, fit), _name_asked(study, fit.mode)
+    if len(involved) == 1 and not asked and not (search_own and fit.misfit > SIMULATED.excess):
         return None
     delay_s = float(fit.delay_s.value or 0.0) if fit.is_delayed else 0.0
     tests = [each.test for each in study.tests if each.test.name in fit.tests]
     tests = [delay_forces(test, delay_s) for test in tests] if delay_s else tests
     names = " and ".join(str(mode) for mode in sorted(involved))
-    lost = f"; the coupling(s) {_name_products(products)} that the study names are left out" if products else ""
+    lost = f"; {asked} that the study names {'are' if products else 'is'} left out" if asked else ""
     if not all(_is_fitted_to(fit, test.modes) for test in tests):
         warnings.append(
             f"mode(s) {names} are not fitted by simulation, for their tests have different linear modes: give the "
@@ -342,6 +349,7 @@ def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) 
             fit,
             () if study.couplings is not None else fit.interactions,
             products=products or None,
+            memory=study.memory,
             search_own=search_own,
             free_linear=study.free_linear is not False,
         )
@@ -358,8 +366,7 @@ def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) 
         return None
     warnings += [found.dropped] if found.dropped else []
     # Powers alone are known better from the equation, which is linear in them.
-    has_joint = found.fit.friction.value is not None or found.fit.slip.value is not None
-    return found if found.couplings or has_joint else None
+    return found if found.couplings or found.fit.joint_estimates.terms else None
 
 
 def _fit_decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[int, DecayLaw], list[tuple[int, str]]]:
@@ -370,7 +377,8 @@ def _fit_decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[in
         mode = each.mode or find_largest_mode(each.test, study.nonlinear)
         say(f"free decay {each.test.name}")
         try:
-            decays.append(decay_of(each.test, mode, **_list_orders(study)))
+            memory = study.memory or False
+            decays.append(decay_of(each.test, mode, **_list_orders(study), memory=memory))
         except NotDeterminedError as error:
             warnings.append((mode, f"free decay {each.test.name!r} of mode {mode}: {error}"))
     laws = {}
@@ -381,7 +389,7 @@ def _fit_decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[in
         ]
         if own:
             try:
-                laws[mode] = law_of_decays(own, **_list_orders(study))
+                laws[mode] = law_of_decays(own, **_list_orders(study), memory=study.memory)
             except NotDeterminedError as error:
                 warnings.append((mode, f"the free decays of mode {mode} give no law: {error}"))
                 continue

@@ -1,24 +1,21 @@
 """What a joint adds to the powers of a mode: dry friction, slip of an Iwan joint, and kinds of law with memory.
 
-A joint remembers at which amplitudes it reversed, so that its force in a decay is not quite that of steady cycles. The
-change is proportional to how far the amplitude falls in a radian (`find_fall`): with a damping ratio of 2 % it is up to
-a tenth of the loss.
+What was estimated of such a joint, by free decays or by forced tests, is one record.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import asdict, dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import beta, betainc
 
 from opid.errors import InputError, nearest
-from opid.estimate import Estimate
+from opid.estimate import Estimate, Estimates
 from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.mechanics.laws.kind import Parameter
 from opid.mechanics.laws.kinds import LAWS
@@ -31,11 +28,7 @@ from opid.signals.recording import FloatArray
 
 Values = tuple[float, ...]
 IWAN = "iwan_friction"
-# fall of the amplitude in a radian, at which the change is measured: with 0.005 and 0.02 it differs by 1 %
-_FALL = 0.01
-# Half cycles before those that are averaged, for the start is forgotten then, their number, and the angles in each
-_BEFORE, _AVERAGED, _ANGLES = 4, 4, 64
-_AMPLITUDES = np.geomspace(0.03, 30.0, 49)
+_ANGLES = 64  # of a quarter of a cycle, over which a loss is averaged
 
 
 @dataclass(frozen=True)
@@ -74,6 +67,16 @@ class JointKind:
         """Return all parameters of the kind, the amplitude and the travel first."""
         return (*fitted, *self.held)
 
+    def find_factors(self, values: Values, force: float, length: float) -> Values:
+        """Return what leads from values that are counted in a force and a length to SI units."""
+        if self.is_slip:
+            return force / length ** (2.0 + values[1]), 1.0
+        return (force, length, 1.0, 1.0)[: self.n_fitted]
+
+    def count_powers(self, values: Values) -> Values:
+        """Return the power of the motion whose force each value makes, 0 of a travel; 1 of a value without a unit."""
+        return (2.0 + values[1], 1.0) if self.is_slip else (0.0, 0.0, 1.0, 1.0)[: self.n_fitted]
+
     def may_vibrate(self, values: Values) -> bool:
         """Whether the averages of a joint of these values over a cycle exist."""
         if self.is_slip:
@@ -85,17 +88,20 @@ class JointKind:
             return _is_within(inner[0], MODAL.searched_spreads) and inner[1] > MODAL.least_jump
         return not inner or _is_within(inner[0], MODAL.searched_sharpness)
 
-    def is_possible(self, values: Values) -> bool:
-        """Whether a joint may have these values: it takes energy out and needs no endless force."""
-        if not (self.may_vibrate(values) and values[0] >= 0.0):
-            return False
-        inner = self.complete(values)[2:]
-        lowest, highest = MODAL.slip_exponents
+    @property
+    def ranges(self) -> tuple[tuple[float, float], ...]:
+        """The range of each value that a joint may have: it takes energy out and needs no endless force."""
+        force, (lowest, highest) = (0.0, math.inf), MODAL.slip_exponents
         if self.is_slip:
-            return lowest < values[1] < highest
-        if self.name == IWAN:
-            return lowest < 1.0 / inner[0] - 2.0 < highest and inner[1] >= 0.0
-        return not inner or inner[0] >= 1.0
+            return force, (lowest, highest)
+        spread, sharpness = (1.0 / (2.0 + highest), 1.0 / (2.0 + lowest)), (1.0, MODAL.searched_sharpness[1])
+        inner = (spread, (0.0, math.inf)) if self.name == IWAN else (sharpness,)
+        return (force, MODAL.searched_travels, *inner)[: self.n_fitted]
+
+    def is_possible(self, values: Values) -> bool:
+        """Whether a joint may have these values."""
+        is_inside = all(low <= value <= high for value, (low, high) in zip(values, self.ranges, strict=True))
+        return is_inside and self.may_vibrate(values)
 
     def is_determined(self, values: FloatArray, std: FloatArray) -> bool:
         """Whether all values stand out of their standard deviations, and the largest motion, 1, makes all slide."""
@@ -139,6 +145,10 @@ JOINT_KINDS: Mapping[str, tuple[JointKind, ...]] = {
 }
 """By the name of the kind of law: a joint, and what it becomes at its limits."""
 SLIP = JointKind("slip", 2, (), "slip of an Iwan joint")
+TOO_SHARP = (
+    f"the joint yields so sharply (an exponent above {MODAL.sharp_exponent:g}) that it is hardly told from one slider "
+    "with a spring (Jenkins), whose exponent has no end: the exponent has no interval"
+)
 
 
 def read_memory(memory: bool | str | JointKind | None) -> tuple[JointKind | None, ...]:
@@ -172,9 +182,10 @@ def find_joint_curves(name: str, values: Values, amplitude: FloatArray) -> tuple
     Args:
         name: a kind of `JOINT_KINDS`.
         values: all its parameters.
-        amplitude: amplitudes of the displacement, positive.
+        amplitude: amplitudes of the displacement, 0 or more.
     """
     force, travel, *inner = values
+    amplitude = np.maximum(amplitude, 1e-9 * travel)
     if name == IWAN:
         slip, exponent, jump = split_iwan(values)
         m = np.minimum(amplitude, travel)
@@ -214,6 +225,23 @@ def find_rest_stiffness(name: str, values: Values) -> float:
     return slip * values[1] ** (1.0 + exponent) / (1.0 + exponent) + jump
 
 
+def load_joint(name: str, values: Values, displacement: FloatArray) -> FloatArray:
+    """Return the force of a joint on first loading, per unit mass, at displacements of 0 or more.
+
+    Args:
+        name: a kind of `JOINT_KINDS`.
+        values: all its parameters.
+        displacement: from the position in which nothing has slid.
+    """
+    force, travel, *inner = values
+    if name != IWAN:
+        return force * find_steady_loop(name, *inner).find_force(displacement / travel)
+    slip, exponent, _ = split_iwan(values)
+    reached = np.minimum(displacement, travel)
+    lost = slip * reached ** (2.0 + exponent) / ((1.0 + exponent) * (2.0 + exponent))
+    return find_rest_stiffness(name, values) * reached - lost
+
+
 def lose_stiffness(travel: FloatArray) -> FloatArray:
     """Return the fraction of its stiffness that a slider loses, by its slip travel over the amplitude, 0 to 1."""
     angle = np.arccos(1.0 - 2.0 * travel)
@@ -246,80 +274,6 @@ def slip_damping(exponent: float) -> float:
     return float(4.0 / (np.pi * (2.0 + exponent) * (3.0 + exponent)))
 
 
-@dataclass(frozen=True, eq=False)
-class Fall:
-    """What a falling amplitude changes, over `_AMPLITUDES`, of a joint of unit force and unit travel.
-
-    Args:
-        change: (n,) change of the first harmonic over the amplitude and over the fall in a radian: the real part is in
-            the stiffness, the imaginary one in omega c.
-    """
-
-    change: NDArray[np.complex128]
-
-    def at(self, amplitude: FloatArray) -> NDArray[np.complex128]:
-        """Return the change at amplitudes; beyond those that were followed it falls in proportion to the amplitude."""
-        inside = np.interp(np.log(amplitude), np.log(_AMPLITUDES), self.change)
-        return np.asarray(inside * np.minimum(1.0, _AMPLITUDES[-1] / amplitude))
-
-
-@lru_cache(maxsize=64)
-def find_fall(name: str, *inner: float) -> Fall:
-    """Return what a falling amplitude changes in the force of a kind of `JOINT_KINDS`.
-
-    Args:
-        name: the kind.
-        inner: its parameters that follow the amplitude and the travel.
-    """
-    values = (1.0, 1.0, *inner)
-    n = _BEFORE + _AVERAGED
-    turns = np.pi * np.arange(n + 1) - np.arctan(_FALL)
-    angle = turns[:-1, None] + np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
-    middle = np.pi * (_BEFORE + 0.5 * _AVERAGED)
-    level = _AMPLITUDES[:, None, None] * np.exp(-_FALL * (angle - middle))
-    ends = _AMPLITUDES[:, None] * np.exp(-_FALL * (turns - middle)) * np.abs(np.cos(turns))
-    force = _follow_joint(values, name, level * np.cos(angle), ends)[:, _BEFORE:].reshape(_AMPLITUDES.size, -1)
-    angle, level = angle[_BEFORE:].ravel(), level[:, _BEFORE:].reshape(_AMPLITUDES.size, -1)
-    softening, damping = find_joint_curves(name, values, level)
-    steady = level * ((find_rest_stiffness(name, values) - softening) * np.cos(angle) - damping * np.sin(angle))
-    window = 1.0 - np.cos(2.0 * np.pi * (np.arange(angle.size) + 0.5) / angle.size)
-    change = (force - steady) @ (window * np.exp(-1j * angle)) / window.sum()
-    return Fall(2.0 * change / _AMPLITUDES / _FALL)
-
-
-def _follow_joint(values: tuple[float, ...], name: str, q: FloatArray, ends: FloatArray) -> FloatArray:
-    """Return the force (n, m, k) of a joint of unit force and travel along half cycles of a falling amplitude.
-
-    Args:
-        values: the parameters of the joint.
-        name: its kind.
-        q: (n, m, k) displacements in m half cycles, of which the first one falls.
-        ends: (n, m + 1) displacements at the reversals, without their signs.
-    """
-    force = np.empty_like(q)
-    signs = (-1.0) ** np.arange(q.shape[1])
-    if name == IWAN:
-        slip, exponent, _ = split_iwan(values)
-        rest, divisor = find_rest_stiffness(name, values), (1.0 + exponent) * (2.0 + exponent)
-
-        def load(x: FloatArray) -> FloatArray:
-            return np.where(x < 1.0, rest * x - slip * np.minimum(x, 1.0) ** (2.0 + exponent) / divisor, 1.0)
-
-        # The rule of Masing holds for sliders side by side, and no loop closes in a larger one.
-        top = load(ends[:, 0])
-        for m, sign in enumerate(signs):
-            force[:, m] = sign * (top[:, None] - 2.0 * load(0.5 * (ends[:, m, None] - sign * q[:, m])))
-            top = 2.0 * load(0.5 * (ends[:, m] + ends[:, m + 1])) - top
-        return force
-    loop = find_steady_loop(name, *values[2:])
-    top = loop.find_top(ends[:, 0])
-    for m, sign in enumerate(signs):
-        place = loop.find_place(-top)
-        force[:, m] = -sign * loop.find_force(ends[:, m, None] - sign * q[:, m] + place[:, None])
-        top = loop.find_force(ends[:, m] + ends[:, m + 1] + place)
-    return force
-
-
 @dataclass(frozen=True)
 class JointTerms:
     """What a joint adds to the powers: dry friction, and the slip of an Iwan joint.
@@ -343,24 +297,27 @@ class JointTerms:
     kind: str = ""
     values: Values = ()
 
+    @classmethod
+    def of_kind(cls, friction: float, kind: JointKind | None, values: Values) -> JointTerms:
+        """Return friction beside a joint of a kind, of which `values` are those that are fitted."""
+        if kind is None:
+            return cls(friction)
+        if kind.is_slip:
+            return cls(friction, values[0], values[1])
+        return cls(friction, kind=kind.name, values=kind.complete(values))
+
     def find_softening(self, amplitude: FloatArray) -> FloatArray:
         """Return by how much joints lower the secant stiffness at amplitudes, force per unit mass over displacement."""
         slipped = self.slip * slip_softening(self.exponent) * amplitude ** (1.0 + self.exponent)
         return slipped + find_joint_curves(self.kind, self.values, amplitude)[0] if self.kind else slipped
 
-    def find_fall(self, amplitude: FloatArray) -> NDArray[np.complex128]:
-        """Return what a falling amplitude changes in a named joint, over -A'/(omega A), in the unit of stiffness.
-
-        The real part is in the secant stiffness, the imaginary one in omega c(A).
-        """
-        if not self.kind:
-            return np.zeros(amplitude.shape, dtype=np.complex128)
-        force, travel, *inner = self.values
-        return force / travel * find_fall(self.kind, *inner).at(amplitude / travel)
-
     def find_slip_force(self, displacement: FloatArray) -> FloatArray:
         """Return what slip takes from the force K q on first loading at displacements, force per unit mass."""
-        return self.slip * displacement ** (2.0 + self.exponent) / ((1.0 + self.exponent) * (2.0 + self.exponent))
+        taken = self.slip * displacement ** (2.0 + self.exponent) / ((1.0 + self.exponent) * (2.0 + self.exponent))
+        if not self.kind:
+            return taken
+        rest = find_rest_stiffness(self.kind, self.values)
+        return taken + rest * displacement - load_joint(self.kind, self.values, displacement)
 
     def find_damping(self, amplitude: FloatArray) -> FloatArray:
         """Return what friction and joints add to omega c(A) at amplitudes, where c is the coefficient of q'."""
@@ -369,16 +326,26 @@ class JointTerms:
         return lost + find_joint_curves(self.kind, self.values, amplitude)[1] if self.kind else lost
 
     def find_loss_force(self, displacement: FloatArray) -> FloatArray:
-        """Return a force of the velocity alone that loses what friction and slip lose, force per unit mass.
+        """Return a force of the velocity alone that loses what friction and joints lose, force per unit mass.
 
-        Friction is such a force by itself. Slip loses as much as a power 2 + chi of the velocity.
+        Friction is such a force by itself. Slip loses as much as a power 2 + chi of the velocity. Where a joint loses
+        E(A) in a cycle, the force at the speed of a displacement x is the mean of E'(x cos t) / 4, t from 0 to pi/2.
 
         Args:
             displacement: the amplitudes of the cycles that have these velocities, q'/omega; 0 or more.
         """
         power = 2.0 + self.exponent
         slipped = self.slip * slip_damping(self.exponent) / first_harmonic_factor(power) * displacement**power
-        return self.friction * np.sign(displacement) + slipped
+        lost = self.friction * np.sign(displacement) + slipped
+        if not self.kind:
+            return lost
+        angle = 0.5 * np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
+        amplitude = np.maximum(displacement[..., None] * np.cos(angle), 1e-6 * self.values[1])
+        below, above = (
+            near**2 * find_joint_curves(self.kind, self.values, near)[1]
+            for near in (0.999 * amplitude, 1.001 * amplitude)
+        )
+        return lost + 0.25 * np.pi * np.mean((above - below) / (0.002 * amplitude), axis=-1)
 
 
 @dataclass(frozen=True)
@@ -415,6 +382,12 @@ class ModalJoint:
         of_law = find_rest_stiffness(self.terms.kind, self.terms.values) if self.law.terms else 0.0
         return float(self._spread()[0].sum()) + of_law
 
+    @property
+    def quickness(self) -> float:
+        """By how much the memory of its law may change over a displacement, 1 / displacement; 0 without one."""
+        _, travel, *inner = self.terms.values if self.law.terms else (0.0, math.inf)
+        return max(1.0, *inner[:1], 0.0) / travel
+
     def _spread(self) -> tuple[FloatArray, FloatArray]:
         """Return stiffness and slip force of the elements, (n,) each; both are exact in each range of travels."""
         slip, exponent, jump, end = self.terms.slip, self.terms.exponent, 0.0, np.inf
@@ -431,25 +404,88 @@ class ModalJoint:
         return stiffness, slip_force
 
 
-def make_joint(friction: Estimate, slip: Estimate, exponent: Estimate, largest: float) -> ModalJoint:
-    """Return the joint of estimates, of which those without a value are absent."""
-    force, own, chi = (float(each.value or 0.0) for each in (friction, slip, exponent))
-    return ModalJoint(JointTerms(force, own, chi), largest)
+ABSENT = Estimate()
 
 
-def joint_rows(friction: Estimate, slip: Estimate, exponent: Estimate, name: str = "") -> Iterator[SummaryRow]:
-    """Yield friction, slip and its exponent as rows of a summary, those that have a value.
+@dataclass(frozen=True)
+class JointEstimates(Estimates):
+    """What was estimated of a joint; forces are per unit mass, or modal forces.
 
     Args:
-        friction: dry friction, N/kg^1/2.
-        slip: R of an Iwan joint, in SI.
-        exponent: chi of that joint.
-        name: what stands before their names.
+        friction: dry friction F; empty where there is none.
+        kind: the joint with memory; None for none.
+        values: its values: R, force over displacement^(2 + chi), and chi of slip without an end, or those of a named
+            kind in the order of its parameters, the largest force and the travel at which it slides first. The
+            stiffness that a joint has while nothing slides belongs to k0.
     """
-    for label, estimate, unit in (
-        ("friction", friction, "N/kg^1/2"),
-        ("slip", slip, "SI"),
-        ("slip_exponent", exponent, "1"),
-    ):
-        if estimate.value is not None:
+
+    friction: Estimate = ABSENT
+    kind: JointKind | None = None
+    values: tuple[Estimate, ...] = ()
+
+    @property
+    def slip(self) -> Estimate:
+        """R of an Iwan joint whose slip has no end; empty without one."""
+        return self.values[0] if self.kind and self.kind.is_slip else ABSENT
+
+    @property
+    def slip_exponent(self) -> Estimate:
+        """The exponent chi of that joint; empty without one."""
+        return self.values[1] if self.kind and self.kind.is_slip else ABSENT
+
+    @property
+    def named(self) -> JointKind | None:
+        """The joint of a named kind, in the place of slip without an end; None for none."""
+        return None if self.kind is None or self.kind.is_slip else self.kind
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether force and travel of a named kind, if there is one, stand out of their standard deviations."""
+        first = self.values[:2] if self.named else ()
+        return all(float(each.value or 0.0) > MODAL.joint_sigma * float(each.std or 0.0) for each in first)
+
+    @property
+    def terms(self) -> list[str]:
+        """The names of what the joint adds to the powers."""
+        of_friction = [] if self.friction.value is None else ["friction"]
+        return of_friction + ([] if self.kind is None else [self.kind.name])
+
+    def make(self, largest: float) -> ModalJoint:
+        """Return the joint, ready to be simulated, of a mode whose tests have this largest displacement."""
+        values = tuple(float(each.value or 0.0) for each in self.values)
+        return ModalJoint(JointTerms.of_kind(float(self.friction.value or 0.0), self.kind, values), largest)
+
+    def list_values(self, force: str, length: str) -> Iterator[tuple[str, Estimate, str]]:
+        """Yield name, estimate and unit of friction and of the values of the joint, where there are any.
+
+        Args:
+            force: the unit of force.
+            length: the unit of displacement.
+        """
+        if self.friction.value is not None:
+            yield "friction", self.friction, force
+        if self.slip.value is not None:
+            power = 2.0 + float(self.slip_exponent.value or 0.0)
+            yield "slip", self.slip, f"{force} / {length.replace(' ', '*')}^{power:.3g}"
+            yield "slip_exponent", self.slip_exponent, "1"
+        for name, unit, estimate in self._list_named():
+            yield f"{self.kind.name if self.kind else ''}.{name}", estimate, {"N": force, "m": length}.get(unit, unit)
+
+    def list_rows(self, name: str = "") -> Iterator[SummaryRow]:
+        """Yield the joint of a mode as rows of a summary; `name` stands before their names."""
+        for label, estimate, unit in self.list_values("N/kg^1/2", "m kg^1/2"):
             yield SummaryRow.of(f"{name}{label}", estimate, unit)
+
+    def as_json(self, prefix: str = "") -> dict[str, Any]:
+        """Return the joint as result.json holds it; `prefix` stands before the keys of a named kind."""
+        return {
+            **{name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")},
+            f"{prefix}kind": None if self.named is None else self.named.name,
+            f"{prefix}values": {name: asdict(estimate) for name, _, estimate in self._list_named()},
+        }
+
+    def _list_named(self) -> Iterator[tuple[str, str, Estimate]]:
+        """Yield name, unit and estimate of each value of a named kind."""
+        if self.named is not None:
+            for parameter, estimate in zip(self.named.parameters, self.values, strict=True):
+                yield parameter.words, parameter.unit, estimate

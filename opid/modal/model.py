@@ -18,7 +18,7 @@ from opid.mechanics.structure import Joint, Structure
 from opid.modal.couplings import Product, Reach, make_joints
 from opid.modal.joint_terms import ModalJoint
 from opid.modal.linear.modes import LinearModes, ModalTest, force_projection
-from opid.modal.settings import MODAL
+from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import Channel, FloatArray, Recording, recording_from_arrays
 from opid.signals.resampling import resampled
 
@@ -62,6 +62,20 @@ class NonlinearModalModel:
     def linear(self) -> NonlinearModalModel:
         """The same modes without their laws."""
         return NonlinearModalModel(self.modes)
+
+    def count_steps(self, fs: float, step_rad: float) -> int:
+        """Return how many steps a simulation takes from one sample to the next.
+
+        Args:
+            fs: sampling rate, Hz.
+            step_rad: largest step, in rad of the fastest mode; the steps of joints with a memory are shorter, so that
+                it changes by `SIMULATED.memory_step` at most while the mode moves as far as in its tests.
+        """
+        omega = 2 * np.pi * self.modes.frequency_hz
+        of_joints = [omega[mode - 1] * each.largest * each.quickness for mode, each in self.joints.items()]
+        return max(
+            1, int(np.ceil(max(omega.max() / step_rad, max(of_joints, default=0.0) / SIMULATED.memory_step) / fs))
+        )
 
     def structure(self) -> Structure:
         """Return the model as a structure whose degrees of freedom are the modal coordinates."""
@@ -188,9 +202,8 @@ def modal_response(
         needed = "one series" if len(points) == 1 else f"one column for each of {len(points)} drive points, a series"
         raise InputError(f"the force has shape {np.shape(force)}: give {needed} of finite numbers, in N")
     loads = np.stack([force_projection(model.modes, point) for point in points], axis=1)
-    highest = 2 * np.pi * model.modes.frequency_hz.max()
     # With steps of at most 0.1 rad of the fastest mode, Runge-Kutta keeps its frequency to 1e-6.
-    steps = max(1, int(np.ceil(highest / fs / 0.1)))
+    steps = model.count_steps(fs, 0.1)
     names = [f"force {number + 1}" for number in range(len(points))]
     between = resampled(recording_from_arrays(list(series.T), names, fs=fs, unit="N"), 2 * steps * fs)
     n_half_steps = 2 * (len(series) - 1) * steps + 1

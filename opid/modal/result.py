@@ -80,8 +80,9 @@ class ModalIdentification(Result):
         laws = [(f"mode_{fit.mode}.", fit.stiffness, fit.damping) for fit in self.fits]
         laws += [(f"mode_{n}.decays.", law.stiffness, law.damping) for n, law in sorted(self.decay_laws.items())]
         rows = [row for name, k, c in laws for row in coefficient_rows(k, c, name)]
-        rows += [row for fit in self.fits for row in fit.joint_rows()]
-        rows += [row for mode, law in self.decay_laws.items() for row in law.joint_rows(f"mode_{mode}.decays.")]
+        joints = [(f"mode_{fit.mode}.", fit.joint_estimates) for fit in self.fits]
+        joints += [(f"mode_{n}.decays.", law.joint_estimates) for n, law in self.decay_laws.items()]
+        rows += [row for name, joint in joints for row in joint.list_rows(name)]
         return (*rows, *(each.row() for system in self.systems for each in system.couplings))
 
     @property
@@ -137,7 +138,7 @@ def _describe_mode_of_decays(result: ModalIdentification, mode: int) -> dict[str
         "damping_order": max(law.damping),
         "free_linear": True,
         **coefficients_json(stiffness, damping),
-        **{name: asdict(getattr(law, name)) for name in ("friction", "slip", "slip_exponent")},
+        **law.joint_estimates.as_json("joint_"),
         **dict.fromkeys(("band_hz", "n_lines", "residual_share", "condition_raw", "condition_scaled", "modal_mass")),
         **dict.fromkeys(("force_curves", "frequency_at_hz", "damping_at", "misfit", "delay_s")),
         "tests": [decay.name for decay in result.decays if decay.mode == mode],

@@ -245,6 +245,11 @@ class SimulationSettings:
     # tell; forms are compared with longer steps, whose error of 1e-4 they share
     step_rad: float = 0.12
     first_step_rad: float = 0.35
+    # largest change of the memory of a joint in a step, over its largest force
+    memory_step: float = 0.5
+    # times by which this may shorten the steps of a search: joints with less travel are dry friction, and sharper ones
+    # are sliders
+    most_finer: float = 16.0
     # Jenkins elements of a joint: with 24, responses differed by 0.1 %, and couplings of modes by 0.2 %
     sliders: int = 60
     # slip travels of the first and the last element, over the largest displacement of the tests: what would slip only
@@ -258,6 +263,7 @@ class SimulationSettings:
     # relative change of errors and coefficients at which these searches end
     first_converged: float = 3e-4
     converged: float = 1e-6
+    boundless: float = 1e50  # acceleration from which on a motion grows without bound, long before squares overflow
     unbounded: float = 3.0  # errors of a model that grows without bound, over those of no motion at all
     # rms misfit of the powers over the noise, from which on friction and slip are tried: with the right law it is 1
     excess: float = 1.5
@@ -273,12 +279,28 @@ class SimulationSettings:
     # exponent of Segalman's joint, amid those measured so far: it begins the search for the slip of a driven mode, and
     # turns the softening of powers into the slip from which that of the mode under test begins
     first_slip_exponent: float = -0.5
+    # softening by a joint at the largest motion, over that by all of its stiffness, below which a search does not begin
+    # with a larger force: it only just slides there
+    least_softening: float = 0.02
+    # largest forces of a joint with which its search begins, over that which softens the mode as the powers do: these
+    # follow a joint badly where it begins to slide
+    first_forces: tuple[float, ...] = (0.5, 1.0, 2.0)
+    # misfit of a law by simulation over that of the noise of accelerations and forces, from which on joints of named
+    # kinds are tried, and up to which one of them explains the tests. The motion that the noise of a force would cause
+    # is only roughly known: true laws had 0.9 to 1.7
+    unexplained: float = 2.5
     # least size of a coefficient, over that force: of the slip from which a search begins where powers do not soften,
     # and of the steps of searches and differences; a tenth of the damping is the least that a test shows clearly
     least_size: float = 0.1
     # relative standard deviation of dry friction because nobody knows how far it bends before it slides: with travels
     # of zero and of a thousandth of the largest displacement it differs by this
     friction_std: float = 0.003
+    # relative standard deviation of the values of a joint of a named kind, of k0 and of c0, by the steps of the
+    # simulation: forces of one slider were off by 0.0006 on the average of 20 tests, k0 by 2.5e-6 (by up to 1.4e-5 of
+    # friction that bends), and c0 by 0.0007
+    joint_std: float = 0.001
+    stiffness_std: float = 5e-6
+    damping_std: float = 1e-3
     # directions of a joint with which the search begins, as ratio of the stretches by the largest displacements: its
     # sign decides which half of the cycle is softer, and a search does not cross zero
     first_ratios: tuple[float, ...] = (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0)

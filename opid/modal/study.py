@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
-from opid.errors import nearest, refuse
+from opid.errors import InputError, nearest, refuse
 from opid.modal.couplings import DEGREES, Product
+from opid.modal.joint_terms import read_memory
 from opid.modal.linear.modes import ACCELERATION, LinearModes, ModalTest, with_units
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.resonance.curves import ResponseCurve
@@ -57,6 +58,8 @@ class ModalStudy:
         stiffness_order: N_s of every nonlinear mode, 1 for a linear spring; chosen by cross-validation where None.
         damping_order: N_d of every nonlinear mode, 1 for linear damping; chosen by cross-validation where None.
         free_linear: whether k0 and c0 are corrected in the fit; the data decide where None.
+        memory: name of the kind of joint that every nonlinear mode has, "iwan_friction", "dahl_friction" or "bouc_wen";
+            where None, joints of these kinds are tried where nothing else explains the tests of a mode.
         couplings: products of modal coordinates in the potential by which modes drive each other, each as the numbers
             of its modes, (10, 10, 18) for q10^2 q18 and (10, 10, 10) for a mode that is softer in one direction; where
             None, the interactions that the tests show are searched, and where empty, none.
@@ -78,6 +81,7 @@ class ModalStudy:
     stiffness_order: int | None = None
     damping_order: int | None = None
     free_linear: bool | None = None
+    memory: str | None = None
     couplings: tuple[tuple[int, ...], ...] | None = None
     frequency_threshold: float = 0.002
     damping_threshold: float = 0.15
@@ -123,6 +127,10 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
     for word, order in (("stiffness_order", study.stiffness_order), ("damping_order", study.damping_order)):
         if order is not None and not 1 <= order <= HIGHEST_ORDER:
             yield f"{word} is {order}, give 1 (linear) to {HIGHEST_ORDER}"
+    try:
+        read_memory(study.memory)
+    except InputError as error:
+        yield str(error)
     for word in THRESHOLDS:
         threshold = getattr(study, word)
         if not 0 < threshold <= 1:

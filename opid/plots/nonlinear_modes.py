@@ -108,7 +108,8 @@ def mode_restoring_force(fit: ModeFit, axes: Any = None, *, truth: ModeTruth | N
     with house_style():
         grid = panels(axes, 2, 3, height_in=5.2, width_in=8.6)
         _draw_force_row(grid[0], fit.stiffness_curve, f"q [{{}}m {_AMPLITUDE}]", "stiffness force", "k₀ q")
-        note = "" if fit.slip.value is None else ", slip by its loss"
+        kind = fit.joint_estimates.kind
+        note = "" if kind is None else f", {kind.name} by its loss"
         _draw_force_row(grid[1], fit.damping_curve, f"q′ [{{}}m/s {_AMPLITUDE}]", "damping force", "c₀ q′", note)
         factor, prefix = _choose_prefix(amplitude)
         for ax, name, scale, values, label in (
@@ -127,7 +128,7 @@ def mode_restoring_force(fit: ModeFit, axes: Any = None, *, truth: ModeTruth | N
             thicken(ax.legend(loc="best", fontsize=7.5))
         grid[1, 2].set_ylim(bottom=0)
         orders = f"N_s = {fit.stiffness_order}, N_d = {fit.damping_order}"
-        grid[0, 0].set_title(", ".join([f"Mode {fit.mode}: {orders}", *fit.joint_terms]))
+        grid[0, 0].set_title(", ".join([f"Mode {fit.mode}: {orders}", *fit.joint_estimates.terms]))
         grid[0, 1].set_title("nonlinear part, 95 %", fontweight="normal")
     return grid
 

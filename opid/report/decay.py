@@ -143,7 +143,7 @@ def _list_law_rows(decay: Decay) -> Iterator[Row]:
 def _name_joint(decay: Decay) -> str:
     terms = {"friction": " + friction sgn(x')", "slip": " + slip of an Iwan joint"}
     found = "".join(terms.get(name, "") for name, _, _ in decay.list_joint())
-    kind = None if decay.fitted is None else decay.fitted.joint_kind
+    kind = None if decay.fitted is None else decay.fitted.joint_estimates.named
     return found if kind is None else f"{found} + {kind.words}, whose stiffness before it slides is in k1,"
 
 

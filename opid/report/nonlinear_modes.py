@@ -14,7 +14,7 @@ from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import Decay
 from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.system_fit import SystemFit
-from opid.modal.joint_terms import joint_rows
+from opid.modal.joint_terms import JointEstimates
 from opid.modal.linear.frequency_response import (
     ModeIndicator,
     cmif,
@@ -102,7 +102,7 @@ def _tabulate_modes(result: ModalIdentification) -> Table:
     rows = []
     for fit in result.fits:
         of_fit = (
-            ", ".join([str(fit.stiffness_order), str(fit.damping_order), *fit.joint_terms]),
+            ", ".join([str(fit.stiffness_order), str(fit.damping_order), *fit.joint_estimates.terms]),
             f"{format_number(fit.band_hz[0], 4)} .. {format_number(fit.band_hz[1], 4)}",
             format_percent(fit.residual_fraction, 2),
         )
@@ -215,9 +215,14 @@ def _choose_truth(truth: ModalTruth | None) -> ModalTruth | None:
 def _list_mode_rows(fit: ModeFit, truth: ModalTruth | None) -> Iterator[Row]:
     free = "k0 and c0 corrected (k1, c1)" if fit.free_linear else "k0 and c0 as given"
     damping = f"{format_percent(fit.damping_ratio, 3)} of critical damping"
-    yield (f"Mode {fit.mode}, {fit.frequency_hz:.2f} Hz, {damping}: {free}",)
+    yield (f"Mode {fit.mode}, {fit.frequency_hz:.2f} Hz, {damping}: {free}{_say_joint(fit.joint_estimates, 'k0')}",)
     yield from list_power_rows(fit.mode, fit.stiffness, fit.damping, truth, lowest=1)
-    yield from _list_joint_rows(fit.joint_rows())
+    yield from _list_joint_rows(fit.joint_estimates.list_rows())
+
+
+def _say_joint(joint: JointEstimates, rest: str) -> str:
+    """A clause on a joint of a named kind, whose stiffness before it slides is in the coefficient `rest`."""
+    return f"; {joint.named.words}, whose stiffness before it slides is in {rest}" if joint.named else ""
 
 
 def _list_joint_rows(rows: Iterable[SummaryRow]) -> Iterator[Row]:
@@ -238,7 +243,7 @@ def _list_system_rows(system: SystemFit) -> Iterator[Row]:
         for letter, estimates in (("k", law.stiffness), ("c", law.damping)):
             for power, estimate in estimates.items():
                 yield build_estimate_row(f"{letter}{power}, q{mode}", unit_of(letter, power), estimate)
-        for row in joint_rows(law.friction, law.slip, law.slip_exponent):
+        for row in law.joint_estimates.list_rows():
             yield build_estimate_row(f"{row.name.replace('_', ' ')}, q{mode}", row.unit, row.estimate)
 
 
@@ -247,9 +252,10 @@ def _list_decay_rows(result: ModalIdentification, mode: int, truth: ModalTruth |
     law = result.decay_laws[mode]
     names = [decay.name for decay in result.decays if decay.mode == mode]
     many = f"{len(names)} free decays together" if len(names) > 1 else f"free decay {names[0]!r}" if names else "decays"
-    yield (f"Mode {mode} by {many}, {law.frequency_low_hz.value or 0:.2f} Hz: k1 and c1 are k0 and c0",)
+    of_joint = _say_joint(law.joint_estimates, "k1")
+    yield (f"Mode {mode} by {many}, {law.frequency_low_hz.value or 0:.2f} Hz: k1 and c1 are k0 and c0{of_joint}",)
     yield from list_power_rows(mode, law.stiffness, law.damping, truth, lowest=2)
-    yield from _list_joint_rows(law.joint_rows())
+    yield from _list_joint_rows(law.joint_estimates.list_rows())
 
 
 def list_power_rows(

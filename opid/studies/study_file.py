@@ -141,7 +141,8 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     **Modal tests** (`ModalStudy`): `title`, a table `[modes]` and one table `[[tests]]` for each log. `[modes]` gives
     `file` (npz or CSV, see `read_modes`), `drive_point` (the sensor where the force acts), `nonlinear` (modes
     counted from 1; those that the level tests show where left out), `stiffness_order` and `damping_order` (chosen by
-    cross-validation where left out), `free_linear` (true or false; decided by the data where left out),
+    cross-validation where left out), `free_linear` (true or false; decided by the data where left out), `memory` (the
+    kind of joint of the nonlinear modes),
     `frequency_threshold` and `damping_threshold` (of the level tests, as fractions; 0.002 and 0.15 where left out); all
     but `file` may stand beside the tables as well. A test gives `log` (path beside the study file), `force` (its
     channel; left out of a free decay), `use` ("fit", "truth", "level", "decay" or "resonance"; "fit" where left out,

@@ -15,9 +15,9 @@ from opid.modal.decay.forms import DecayProblem, FittedForms
 from opid.modal.decay.law import DecayLaw, withhold_intervals
 from opid.modal.decay.law_search import LawForm
 from opid.modal.decay.scaled_track import find_span
-from opid.modal.decay.slow_flow import Flow, solve_slow_flow
+from opid.modal.decay.slow_flow import Flow, find_joint_fall, solve_slow_flow
 from opid.modal.forced.restoring_fit import find_jackknife
-from opid.modal.joint_terms import find_rest_stiffness
+from opid.modal.joint_terms import TOO_SHARP, JointEstimates, find_rest_stiffness
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
@@ -45,8 +45,6 @@ def describe_law(problem: DecayProblem, fitted: FittedForms) -> DecayLaw:
     covariance = covariance * np.outer(factors, factors)
     n_k = best.form.stiffness_order
     stiffness, damping, friction, memory = _estimate_coefficients(fitted, factors, covariance, few, units.gain_std)
-    kind = best.form.memory
-    slip, exponent = memory if kind and kind.is_slip else (Estimate(), Estimate())
     # Slip falls as a power of the amplitude below 1, and is far from gone at the smallest one that was seen.
     reaches = lowest <= MODAL.reaches_zero and not best.form.slips_at(lowest, best.vector)
     has_no_ratio = best.form.has_friction or best.is_active or fitted.is_doubted or fitted.is_another_kind
@@ -54,11 +52,7 @@ def describe_law(problem: DecayProblem, fitted: FittedForms) -> DecayLaw:
     law = DecayLaw(
         stiffness=dict(enumerate(stiffness, start=1)),
         damping=dict(enumerate(damping, start=1)),
-        friction=friction,
-        slip=slip,
-        slip_exponent=exponent,
-        joint_kind=None if kind is None or kind.is_slip else kind,
-        joint_values=() if kind is None or kind.is_slip else tuple(memory),
+        joint_estimates=JointEstimates(friction, best.form.memory, tuple(memory)),
         frequency_low_hz=_estimate(low[2] * scale_hz, low_std[2] * scale_hz, best.repeats) if reaches else Estimate(),
         damping_low=_estimate(low[3], low_std[3], best.repeats) if reaches and not has_no_ratio else Estimate(),
         frequency_scatter_hz=float(0.5 * best.scatter[0] / low[2] * scale_hz),
@@ -105,7 +99,7 @@ def _widen_curves(best: FormFit, curves: _LawCurves) -> _LawCurves:
         return curves
     joint = best.form.split(best.vector)[2]
     ratio = 0.5 * curves.damping / curves.natural
-    error, change = MODAL.joint_error[1] * float(np.max(ratio)), ratio * joint.find_fall(curves.level)
+    error, change = MODAL.joint_error[1] * float(np.max(ratio)), ratio * find_joint_fall(joint, curves.level)
     square = np.hypot(error * joint.find_softening(curves.level), change.real)
     damping = np.hypot(error * curves.damping, change.imag / curves.natural)
     return replace(
@@ -321,10 +315,7 @@ def _warn_of_law(best: FormFit, lowest: float) -> list[str]:
             "the joint still slips at the smallest amplitude: frequency and damping at zero amplitude are not told"
         )
     if best.form.is_sharp(best.vector):
-        warnings.append(
-            f"the joint yields so sharply (an exponent above {MODAL.sharp_exponent:g}) that it is hardly told from one "
-            "slider with a spring (Jenkins), whose exponent has no end: the exponent has no interval"
-        )
+        warnings.append(TOO_SHARP)
     if best.repeat_misfit > MODAL.most_misfit:
         warnings.append(
             f"the laws of the single decays differ by {best.repeat_misfit:.2g} times what noise and the scatter of k0 "

@@ -124,18 +124,11 @@ class Decay(Result):
         return self.amplitude_unit if self.mode is None else ""
 
     def list_joint(self) -> list[tuple[str, Estimate, str]]:
-        """Return name, estimate and unit of the friction and of the joint's slip that were found."""
+        """Return name, estimate and unit of the friction and of the joint with memory that were found."""
         if self.fitted is None:
             return []
         force = f"{self.length}/s^2" if self.mode is None else "N/kg^1/2"
-        exponent = self.fitted.slip_exponent.value or 0.0
-        rows = (
-            ("friction", self.fitted.friction, force),
-            ("slip", self.fitted.slip, f"{force} / {self.amplitude_unit.replace(' ', '*')}^{2.0 + exponent:.3g}"),
-            ("slip_exponent", self.fitted.slip_exponent, "1"),
-        )
-        found = [row for row in rows if row[1].value is not None]
-        return [*found, *self.fitted.list_joint_values(force, self.amplitude_unit)]
+        return list(self.fitted.joint_estimates.list_values(force, self.amplitude_unit))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, which docs/schemas/decay-1.schema.json describes."""

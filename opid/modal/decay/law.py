@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -13,9 +12,8 @@ from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.slow_flow import CloseModes
-from opid.modal.joint_terms import JointKind, ModalJoint, joint_rows, make_joint
+from opid.modal.joint_terms import JointEstimates, ModalJoint
 from opid.modal.power_laws import coefficients_json, make_fitted_law
-from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
 
@@ -37,12 +35,7 @@ class DecayLaw:
     Args:
         stiffness: k_n by its power n, where 1 is k0: force per unit mass (or modal force) over displacement^n.
         damping: c_n by its power n, where 1 is c0: force per unit mass (or modal force) over velocity^n.
-        friction: dry friction F, force per unit mass (or modal force); empty where there is none.
-        slip: R of an Iwan joint, force per unit mass (or modal force) over displacement^(2 + chi); empty without one.
-        slip_exponent: chi of that joint; empty without one.
-        joint_kind: the joint of a named kind, in the place of slip; None for none.
-        joint_values: its values in the order of its parameters, the largest force per unit mass (or modal force) and
-            the travel at which it slides first. The stiffness that it has while nothing slides belongs to k0.
+        joint_estimates: friction and the joint with memory.
         frequency_low_hz: natural frequency at zero amplitude, Hz; empty where the decays do not reach so far.
         damping_low: damping ratio at zero amplitude; empty likewise, with dry friction, where it grows without end,
             and where the law is of another kind than the true one.
@@ -63,9 +56,7 @@ class DecayLaw:
 
     stiffness: dict[int, Estimate]
     damping: dict[int, Estimate]
-    friction: Estimate
-    slip: Estimate
-    slip_exponent: Estimate
+    joint_estimates: JointEstimates
     frequency_low_hz: Estimate
     damping_low: Estimate
     frequency_scatter_hz: float
@@ -80,8 +71,6 @@ class DecayLaw:
     phase_error: float
     warnings: tuple[str, ...]
     close_modes: CloseModes | None = None
-    joint_kind: JointKind | None = None
-    joint_values: tuple[Estimate, ...] = ()
 
     @property
     def law(self) -> Law:
@@ -90,31 +79,8 @@ class DecayLaw:
 
     @property
     def joint(self) -> ModalJoint:
-        """Friction and slip, ready to be simulated."""
-        joint = make_joint(self.friction, self.slip, self.slip_exponent, float(self.amplitude.max()))
-        if self.joint_kind is None:
-            return joint
-        values = self.joint_kind.complete(tuple(float(each.value or 0.0) for each in self.joint_values))
-        return replace(joint, terms=replace(joint.terms, kind=self.joint_kind.name, values=values))
-
-    def list_joint_values(self, force: str, length: str) -> Iterator[tuple[str, Estimate, str]]:
-        """Yield name, estimate and unit of the values of a named joint.
-
-        Args:
-            force: the unit of force.
-            length: the unit of displacement.
-        """
-        if self.joint_kind is None:
-            return
-        for parameter, estimate in zip(self.joint_kind.parameters, self.joint_values, strict=True):
-            unit = {"N": force, "m": length}.get(parameter.unit, parameter.unit)
-            yield f"{self.joint_kind.name}.{parameter.words}", estimate, unit
-
-    def joint_rows(self, name: str = "") -> Iterator[SummaryRow]:
-        """Yield friction and the joint with memory as rows of a summary, where there are any."""
-        yield from joint_rows(self.friction, self.slip, self.slip_exponent, name)
-        for label, estimate, unit in self.list_joint_values("N/kg^1/2", "m kg^1/2"):
-            yield SummaryRow.of(f"{name}{label}", estimate, unit)
+        """The joint, ready to be simulated."""
+        return self.joint_estimates.make(float(self.amplitude.max()))
 
     def curves_at(self, amplitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return natural frequency, Hz, and damping ratio at displacement amplitudes, (n,) each.
@@ -126,12 +92,8 @@ class DecayLaw:
 
     def joint_json(self) -> dict[str, Any]:
         """Return friction, slip, a named joint and scatter as result.json holds them."""
-        estimates = {name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")}
-        named = zip(self.joint_kind.parameters if self.joint_kind else (), self.joint_values, strict=True)
         return {
-            **estimates,
-            "kind": None if self.joint_kind is None else self.joint_kind.name,
-            "values": {parameter.words: asdict(estimate) for parameter, estimate in named},
+            **self.joint_estimates.as_json(),
             "frequency_scatter_hz": self.frequency_scatter_hz,
             "damping_scatter": self.damping_scatter,
         }
@@ -151,15 +113,14 @@ class DecayLaw:
 
 def withhold_intervals(law: DecayLaw) -> DecayLaw:
     """Return a law without intervals."""
-    names = ("friction", "slip", "slip_exponent", "frequency_low_hz", "damping_low")
-    bare = {name: getattr(law, name).without_interval() for name in names}
     unknown = np.full(law.amplitude.size, np.nan)
     return replace(
         law,
+        joint_estimates=law.joint_estimates.with_estimates(Estimate.without_interval),
+        frequency_low_hz=law.frequency_low_hz.without_interval(),
+        damping_low=law.damping_low.without_interval(),
         stiffness={power: each.without_interval() for power, each in law.stiffness.items()},
         damping={power: each.without_interval() for power, each in law.damping.items()},
         frequency_std_hz=unknown,
         damping_std=unknown,
-        joint_values=tuple(each.without_interval() for each in law.joint_values),
-        **bare,
     )

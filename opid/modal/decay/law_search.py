@@ -52,12 +52,7 @@ class LawForm:
         """Return k, c and the terms of the joint of a vector; what follows them in the vector is ignored."""
         powers = self.stiffness_order + self.damping_order
         friction = float(vector[powers]) if self.has_friction else 0.0
-        own = tuple(vector[powers + self.has_friction : self.size].tolist())
-        joint = JointTerms(friction)
-        if self.memory is not None and self.memory.is_slip:
-            joint = JointTerms(friction, *own)
-        elif self.memory is not None:
-            joint = JointTerms(friction, kind=self.memory.name, values=self.memory.complete(own))
+        joint = JointTerms.of_kind(friction, self.memory, self.take_memory(vector))
         return vector[: self.stiffness_order], vector[self.stiffness_order : powers], joint
 
     @property
@@ -74,11 +69,11 @@ class LawForm:
     def is_possible(self, vector: FloatArray) -> bool:
         """Whether joints take energy out, slip needs no endless force, and there is stiffness at rest."""
         is_alive = bool(vector[0] > 0.0 and self.split(vector)[2].friction >= 0.0)
-        return is_alive and (self.memory is None or self.memory.is_possible(self._take_memory(vector)))
+        return is_alive and (self.memory is None or self.memory.is_possible(self.take_memory(vector)))
 
     def may_vibrate(self, vector: FloatArray) -> bool:
         """Whether the averages of the joint exist, so that a search may try this vector."""
-        return self.memory is None or self.memory.may_vibrate(self._take_memory(vector))
+        return self.memory is None or self.memory.may_vibrate(self.take_memory(vector))
 
     def is_determined(self, vector: FloatArray, std: FloatArray) -> bool:
         """Whether friction and slip stand out of their standard deviations, and the exponent is known."""
@@ -89,13 +84,14 @@ class LawForm:
 
     def slips_at(self, amplitude: float, vector: FloatArray) -> bool:
         """Whether something in the joint with memory still slips at an amplitude, in the units of the vector."""
-        return self.memory is not None and self.memory.slips_at(amplitude, self._take_memory(vector))
+        return self.memory is not None and self.memory.slips_at(amplitude, self.take_memory(vector))
 
     def is_sharp(self, vector: FloatArray) -> bool:
         """Whether the joint with memory yields so sharply that its exponent does not show."""
-        return self.memory is not None and self.memory.is_sharp(self._take_memory(vector))
+        return self.memory is not None and self.memory.is_sharp(self.take_memory(vector))
 
-    def _take_memory(self, vector: FloatArray) -> tuple[float, ...]:
+    def take_memory(self, vector: FloatArray) -> tuple[float, ...]:
+        """Return the values of the joint with memory."""
         return tuple(vector[self.size - self.n_memory : self.size].tolist())
 
 

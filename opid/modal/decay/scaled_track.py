@@ -67,9 +67,8 @@ class FitUnits:
         of_k = [self.rate**2 * self.length**-n for n in range(form.stiffness_order)]
         of_c = [self.rate * (self.length * self.rate) ** -n for n in range(form.damping_order)]
         of_friction = [self.rate**2 * self.length] * form.has_friction
-        of_memory = [self.rate**2 * self.length, self.length, 1.0, 1.0][: form.n_memory]
-        if form.memory is not None and form.memory.is_slip:
-            of_memory = [self.rate**2 * self.length ** -(1 + form.split(vector)[2].exponent), 1.0]
+        force = self.rate**2 * self.length
+        of_memory = form.memory.find_factors(form.take_memory(vector), force, self.length) if form.memory else ()
         return np.array([*of_k, *of_c, *of_friction, *of_memory])
 
     def find_gain_error(self, form: LawForm, vector: FloatArray) -> FloatArray:
@@ -79,10 +78,8 @@ class FitUnits:
         the largest force of a joint and the travel at which it slides.
         """
         above_one = [*range(form.stiffness_order), *range(form.damping_order), *[-1.0] * form.has_friction]
-        if form.memory is not None and form.memory.is_slip:
-            above_one += [1.0 + form.split(vector)[2].exponent, 0.0]
-        else:
-            above_one += [-1.0, -1.0, 0.0, 0.0][: form.n_memory]
+        if form.memory is not None:
+            above_one += [power - 1.0 for power in form.memory.count_powers(form.take_memory(vector))]
         return -self.gain_std * np.array(above_one) * vector
 
 

@@ -1,12 +1,13 @@
 """Which forms of the law of some modes are tried: terms of the mode under test, products, one joint, and its relatives.
 
-Every form is fitted by simulation (`simulated_fit`) and judged by its error on tests that are left out in turn.
+A joint of a kind that has a name is tried where it is asked for, or where nothing else explains a mode alone. Each form
+is fitted by simulation (`simulated_fit`) and judged by its error on tests that are left out in turn.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product as combine
 
@@ -16,10 +17,10 @@ from opid.errors import InputError
 from opid.modal.couplings import DEGREES, Product, list_products
 from opid.modal.forced.equation import Powers
 from opid.modal.forced.mode_fit import ModeFit
-from opid.modal.forced.restoring_fit import choose_simplest, find_rms
+from opid.modal.forced.restoring_fit import choose_simplest, find_rms, list_near
 from opid.modal.forced.simulated_fit import FittedForm, find_misfit, fit_form
 from opid.modal.forced.system import ModeTerms, System, SystemForm
-from opid.modal.joint_terms import slip_softening
+from opid.modal.joint_terms import JOINT_KINDS, SLIP, JointKind, JointTerms, read_memory, slip_softening
 from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray
 
@@ -34,36 +35,40 @@ class Trial:
     found: FittedForm
 
 
+OwnTerms = tuple[ModeTerms, FloatArray]
+"""Terms that the mode under test may have by itself, and their starts, (n_starts, n)."""
+
+
 def try_forms(
     system: System,
-    fit: ModeFit,
+    own_terms: Iterable[OwnTerms],
     products: tuple[Product, ...],
     guesses: FloatArray,
     *,
     has_joint: bool,
-    search_own: bool,
     free_linear: bool,
 ) -> list[Trial]:
     """Return the forms that could be fitted to a system.
 
     Args:
         system: the modes, the one under test first, and their tests.
-        fit: the mode under test by itself.
+        own_terms: the terms that the mode under test may have by itself.
         products: the products by which it drives the others.
         guesses: (n_products,) their coefficients in the units of the system, from which the search begins.
         has_joint: whether a joint and its relatives are tried in the place of the products.
-        search_own: whether friction and slip are tried beside the powers.
-        free_linear: whether k0 and c0 of the driven modes, and beside slip, are corrected.
+        free_linear: whether k0 and c0 of the driven modes are corrected.
     """
     trials: list[Trial] = []
     linear = ModeTerms(Powers((1,), (1,)) if free_linear else Powers((), ()))
-    others = {mode: linear for mode in system.numbers if mode != fit.mode}
+    others = dict.fromkeys(system.numbers[1:], linear)
     rest = np.zeros(linear.size * len(others))
-    for terms, starts in _list_own(system, fit, search_own, free_linear):
-        form = SystemForm({fit.mode: terms} | others, products)
+    for terms, starts in own_terms:
+        form = SystemForm({system.numbers[0]: terms} | others, products)
         whole = [np.concatenate([start, rest, guesses]) for start in starts]
         start = min(whole, key=lambda each: find_misfit(system, form, each))
-        _try_form(system, form, start, trials, is_near=terms.has_friction)
+        # Quieter tests tell nothing of a joint that slides at large motion.
+        is_near = terms.has_friction or (terms.memory is not None and not terms.memory.is_slip)
+        _try_form(system, form, start, trials, is_near=is_near)
     if products and trials:
         own = choose_trial(trials).found
         alone = own.vector[: own.form.size - len(products)]
@@ -128,7 +133,7 @@ def _search_joint(system: System, own: FittedForm, alone: FloatArray, trials: li
         bent = replace(terms, powers=replace(terms.powers, k=(*terms.powers.k, 3)))
         for changed, at, more in (
             (bent, place + n_k, [0.0]),
-            (replace(terms, has_slip=True), place + terms.size, [SIMULATED.first_slip, SIMULATED.first_slip_exponent]),
+            (replace(terms, memory=SLIP), place + terms.size, [SIMULATED.first_slip, SIMULATED.first_slip_exponent]),
         ):
             form = replace(best.form, own=dict(best.form.own) | {mode: changed})
             _try_form(system, form, np.insert(best.vector, at, more), trials, is_near=True)
@@ -149,37 +154,61 @@ def _may_be_own(found: FittedForm, own: FittedForm) -> bool:
     return is_other and find_rms(found.errors) < SIMULATED.own_rivals * find_rms(own.errors)
 
 
-def _list_own(system: System, fit: ModeFit, search: bool, free_linear: bool) -> Iterator[tuple[ModeTerms, FloatArray]]:
-    """Yield the terms that the mode under test may have by itself, and their starts, (n_starts, n) each."""
+def list_own(system: System, fit: ModeFit, *, search_own: bool, free_linear: bool) -> Iterator[OwnTerms]:
+    """Yield powers, and friction and slip if they are searched, which begin with what the powers of a fit show."""
     force, a, v = system.damping_force(0), float(system.largest[0]), system.top_speed(0)
     powers = Powers(tuple(fit.stiffness), tuple(fit.damping))
     start = [float(each.value or 0.0) * a**n / force for n, each in fit.stiffness.items()]
     start += [float(each.value or 0.0) * v**n / force for n, each in fit.damping.items()]
     yield ModeTerms(powers), np.array([start])
-    if not search:
+    if not search_own:
         return
-    k0 = float(system.modes.stiffness()[0])
-    softer = k0 - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
-    slip = max(softer * a / force / float(slip_softening(SIMULATED.first_slip_exponent)), SIMULATED.least_size)
+    slip = max(_soften(system, fit) / float(slip_softening(SIMULATED.first_slip_exponent)), SIMULATED.least_size)
     linear = (1,) if free_linear else ()
     frictions, exponents = SIMULATED.first_frictions, SIMULATED.first_slip_exponents
     for k in (linear, (*linear, 3)):
         zeros, own = [0.0] * (len(k) + len(linear)), Powers(k, linear)
         yield ModeTerms(own, has_friction=True), np.array([[*zeros, each] for each in frictions])
-        yield ModeTerms(own, has_slip=True), np.array([[*zeros, slip, each] for each in exponents])
+        yield ModeTerms(own, memory=SLIP), np.array([[*zeros, slip, each] for each in exponents])
+
+
+def _soften(system: System, fit: ModeFit) -> float:
+    """Return by how much the powers soften the mode under test at its largest displacement, in the system's units."""
+    softer = float(system.modes.stiffness()[0]) - float(2 * np.pi * fit.frequency_at_hz[-1]) ** 2
+    return softer * float(system.largest[0]) / system.damping_force(0)
+
+
+def list_joints(
+    system: System, fit: ModeFit, kinds: Iterable[JointKind], *, search_own: bool, free_linear: bool
+) -> Iterator[OwnTerms]:
+    """Yield joints of named kinds, beside powers only where the orders of these are given and not searched."""
+    linear, at = (1,) if free_linear else (), np.ones(1)
+    powers = Powers(linear, linear) if search_own else Powers(tuple(fit.stiffness), tuple(fit.damping))
+    softer = _soften(system, fit)
+    for kind in kinds:
+        terms, starts = ModeTerms(powers, memory=kind), []
+        for inner in kind.list_starts():
+            of_unit = float(JointTerms.of_kind(0.0, kind, (1.0, *inner)).find_softening(at)[0])
+            force = max(softer / max(of_unit, SIMULATED.least_softening), SIMULATED.least_size)
+            starts += [[*[0.0] * terms.n_powers, times * force, *inner] for times in SIMULATED.first_forces]
+        yield terms, np.array(starts)
 
 
 def _is_determined(found: FittedForm) -> bool:
     """Return whether friction and slip stand out of their standard deviations, and the exponent is known."""
     first = 0
-    for terms, values in zip(found.form.own.values(), found.values.own.values(), strict=True):
-        size = len(values.flatten())
-        value, std = np.array(values.flatten())[-3:], found.std[first + size - 3 : first + size]
-        first += size
-        if terms.has_friction and value[0] < MODAL.joint_sigma * std[0]:
+    for terms in found.form.own.values():
+        vector, std = (each[first : first + terms.size] for each in (found.vector, found.vector_std))
+        first += terms.size
+        (friction, memory), (friction_std, memory_std) = (terms.split(each.tolist())[2:] for each in (vector, std))
+        if any(value < MODAL.joint_sigma * own for value, own in zip(friction, friction_std, strict=True)):
             return False
-        is_at_end = min(abs(value[2] - end) for end in MODAL.slip_exponents) < 1e-3
-        if terms.has_slip and (value[1] <= 0.0 or is_at_end or std[2] > MODAL.widest_exponent):
+        if (kind := terms.memory) is None:
+            continue
+        is_at_end = any(
+            abs(value - end) < 1e-3 for value, ends in zip(memory, kind.ranges, strict=True) for end in ends
+        )
+        if is_at_end or not kind.is_determined(np.array(memory), np.array(memory_std)):
             return False
     return True
 
@@ -190,7 +219,8 @@ def _name_terms(form: SystemForm) -> str:
     for mode, terms in form.own.items():
         k, c = (",".join(str(n) for n in powers if n > 1) for powers in (terms.powers.k, terms.powers.c))
         powers = " ".join(f"{letter}{numbers}" for letter, numbers in (("k", k), ("c", c)) if numbers)
-        own = [powers] * bool(powers) + ["friction"] * terms.has_friction + ["slip"] * terms.has_slip
+        own = [powers] * bool(powers) + ["friction"] * terms.has_friction
+        own += [terms.memory.name if terms.memory.is_slip else terms.memory.words] if terms.memory else []
         names += [f"mode {mode}: {' + '.join(own)}"] if own else []
     names += [", ".join(each.name for each in form.products)] if form.products else []
     names += [f"joint c z'^{degree}" if of_velocity else f"joint k z^{degree}" for of_velocity, degree in form.joint]
@@ -210,3 +240,88 @@ def mirror(found: FittedForm) -> FloatArray:
         vector[first + index] *= (-1) ** degree
     vector[-n_others:] *= -1.0
     return vector
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The form of the law that was chosen among those that were tried.
+
+    Args:
+        trial: the form.
+        warning: what is to be told of its joint, "" for nothing.
+        dropped: why a joint that was asked for is not in it, "" where it is, or none was asked for.
+    """
+
+    trial: Trial
+    warning: str = ""
+    dropped: str = ""
+
+
+def list_kinds(memory: str | None) -> tuple[JointKind, ...]:
+    """Return the kinds of joint of a name, none where it is None; raise what `read_memory` does."""
+    return () if memory is None else tuple(kind for kind in read_memory(memory) if kind is not None)
+
+
+def try_other_joints(
+    system: System, fit: ModeFit, kinds: Sequence[JointKind], *, search_own: bool, free_linear: bool
+) -> list[Trial]:
+    """Return joints of named kinds that nobody asked for, those that alone leave no more of the tests than noise.
+
+    Args:
+        system: the mode under test alone, and its tests.
+        fit: the mode by itself.
+        kinds: the joints that were asked for.
+        search_own: whether the powers are searched, so that none stand beside the joints.
+        free_linear: whether k0 and c0 are corrected.
+    """
+    others = [kind for several in JOINT_KINDS.values() for kind in several if kind not in kinds]
+    own = list_joints(system, fit, others, search_own=search_own, free_linear=free_linear)
+    trials = try_forms(system, own, (), np.zeros(0), has_joint=False, free_linear=free_linear)
+    return [each for each in trials if each.found.find_excess(system) <= SIMULATED.unexplained]
+
+
+def choose_form(trials: Sequence[Trial], mode: int, memory: str | None) -> Choice:
+    """Return the simplest good form, with a joint of the kinds that were asked for where the tests determine one.
+
+    Args:
+        trials: the forms that were tried.
+        mode: number of the mode under test.
+        memory: the name of the kinds; None where no joint was asked for.
+    """
+    best, kinds = choose_trial(trials), list_kinds(memory)
+    named = [each for each in trials if each.found.form.own[mode].memory in kinds]
+    if memory is None or best in named:
+        return Choice(best, _tell_found(best, mode) if memory is None else "")
+    own = choose_trial(named) if named else None
+    near = [trials[index] for index in list_near(*list_errors(trials))]
+    simplest = best.found.form.own[mode]
+    # Friction is a joint of no travel, and slip without an end is one that never slides as a whole.
+    is_limit = own in near and (simplest.has_friction or simplest.memory is not None)
+    if own is None or is_limit:
+        why = (
+            f"mode {mode}: these tests do not determine {memory}, which the study names, so that it is left out: its "
+            "largest force and the travel at which all of it slides are only told by motions to both sides of that "
+            "travel; give tests at higher levels, or leave memory out"
+        )
+        return Choice(best, dropped=why)
+    errors = " and ".join(f"{100 * find_rms(each.found.errors):.2g} %" for each in (own, best))
+    if own in near:
+        warning = (
+            f"mode {mode}: the tests hardly tell {memory} from powers (what is left out in turn is missed by {errors} "
+            "of the motion): the intervals of the joint hold only if it is of this kind; give tests at more levels"
+        )
+        return Choice(own, warning)
+    why = (
+        f"mode {mode}: {memory}, which the study names, is left out: laws without it explain the tests better (what "
+        f"is left out in turn is missed by {errors} of the motion; the best law is {best.terms}): leave memory out, or "
+        "give orders of powers beside the joint, of which it has none by itself"
+    )
+    return Choice(best, _tell_found(best, mode), why)
+
+
+def _tell_found(trial: Trial, mode: int) -> str:
+    """Return that a joint was found for which nobody asked, "" for none."""
+    kind = trial.found.form.own[mode].memory
+    if kind is None or kind.is_slip:
+        return ""
+    return f"mode {mode}: powers, dry friction and slip do not explain the tests, but {kind.words} does"

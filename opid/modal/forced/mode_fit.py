@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -34,15 +34,13 @@ from opid.modal.forced.restoring_fit import (
     linearised,
     search_orders,
 )
-from opid.modal.joint_terms import ModalJoint, joint_rows, make_joint
+from opid.modal.joint_terms import ABSENT, JointEstimates, ModalJoint
 from opid.modal.linear.modes import ModalTest
 from opid.modal.linear.modes_file import looks_unit_normalised
 from opid.modal.power_laws import coefficients_json, make_fitted_law, withhold_negative
 from opid.modal.settings import MODAL
-from opid.result import SummaryRow
 from opid.signals.recording import FloatArray
 
-ABSENT = Estimate()
 N_CURVE = 101  # points of a force curve
 
 UNITS = {
@@ -101,18 +99,17 @@ class ModeFit:
         condition_scaled: condition number of the columns scaled to unit norm, as they are solved.
         modal_mass: mass that the tests show for the mode, 1 where shapes and force are in order.
         stiffness_curve: nonlinear stiffness force over displacement.
-        damping_curve: nonlinear damping force over velocity; slip, whose force has a memory, counts as the power of the
-            velocity that loses as much (`JointTerms.find_loss_force`).
+        damping_curve: nonlinear damping force over velocity; slip and joints, whose force has a memory, count as the
+            force of the velocity that loses as much (`JointTerms.find_loss_force`).
         frequency_at_hz: natural frequency at the amplitudes of `stiffness_curve`, Hz (harmonic linearisation).
         damping_at: damping ratio at the same amplitudes.
         orders: the orders that were tried, if they were searched.
         delay_s: time by which the accelerations come after the forces, s, which the fit corrects where the data show it
             (`correct_delay`); its interval also holds the phase of neighbours that leak through the modal filter.
-        friction: dry friction F, N/kg^1/2, found by simulation; empty where there is none.
-        slip: R of an Iwan joint, (N/kg^1/2) / (m kg^1/2)^(2 + chi), likewise; see `JointTerms`.
-        slip_exponent: chi of that joint; empty without one.
+        joint_estimates: friction and the joint with memory, found by simulation.
         interactions: modes that this one drives.
-        misfit: rms of the misfit over what noise alone would leave; 1 where the powers are the law.
+        misfit: rms of the misfit over what noise alone would leave, of the motion where the law was fitted by
+            simulation; 1 where the law is the true one.
         warnings: one sentence for each warning about the fit.
     """
 
@@ -139,9 +136,7 @@ class ModeFit:
     interactions: tuple[Interaction, ...]
     misfit: float
     warnings: tuple[str, ...]
-    friction: Estimate = ABSENT
-    slip: Estimate = ABSENT
-    slip_exponent: Estimate = ABSENT
+    joint_estimates: JointEstimates = field(default_factory=JointEstimates)
     delay_s: Estimate = ABSENT
 
     @property
@@ -149,20 +144,10 @@ class ModeFit:
         """Whether the accelerations come before or after the forces beyond doubt."""
         return abs(self.delay_s.value or 0.0) > MODAL.delay_sigma * (self.delay_s.std or 0.0)
 
-    def joint_rows(self) -> Iterator[SummaryRow]:
-        """Yield friction and slip as rows of a summary, where there are any."""
-        return joint_rows(self.friction, self.slip, self.slip_exponent, f"mode_{self.mode}.")
-
-    @property
-    def joint_terms(self) -> list[str]:
-        """The names of what a joint adds to the powers."""
-        named = {"friction": self.friction, "slip": self.slip}
-        return [name for name, estimate in named.items() if estimate.value is not None]
-
     @property
     def joint(self) -> ModalJoint:
-        """Friction and slip, ready to be simulated."""
-        return make_joint(self.friction, self.slip, self.slip_exponent, float(self.stiffness_curve.position[-1]))
+        """The joint, ready to be simulated."""
+        return self.joint_estimates.make(float(self.stiffness_curve.position[-1]))
 
     @property
     def law(self) -> Law:
@@ -174,14 +159,14 @@ class ModeFit:
         arranged = (
             *("stiffness", "damping", "stiffness_curve", "damping_curve"),
             *("residual_fraction", "modal_mass", "orders", "interactions", "delay_s"),
-            *("friction", "slip", "slip_exponent"),
+            "joint_estimates",
         )
         return {
             **{each.name: getattr(self, each.name) for each in fields(self) if each.name not in arranged},
             "residual_share": self.residual_fraction,
             "known_by": "forced tests",
             **coefficients_json(self.stiffness, self.damping),
-            **{name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")},
+            **self.joint_estimates.as_json("joint_"),
             "modal_mass": asdict(self.modal_mass),
             "delay_s": asdict(self.delay_s),
             "force_curves": {

@@ -22,9 +22,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from opid.errors import InputError
+from opid.estimate import Estimate
 from opid.mechanics.structure import ComplexArray
-from opid.modal.forced.restoring_fit import sum_lagged_products
-from opid.modal.forced.system import System, SystemForm, SystemValues
+from opid.modal.forced.mode_fit import ForceCurve, ModeFit, warn_of_fit
+from opid.modal.forced.restoring_fit import linearised, sum_lagged_products
+from opid.modal.forced.system import ModeTerms, OwnValues, System, SystemForm, SystemValues
+from opid.modal.joint_terms import ABSENT, JointEstimates
+from opid.modal.power_laws import read_linear
 from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray
 
@@ -54,6 +58,7 @@ class FittedForm:
         form: the terms.
         values: their coefficients, in SI.
         covariance: covariance of `values`, flattened.
+        vector_std: (p,) standard deviations of the coefficients in the units of the system.
         errors: (n_folds,) misfit of what was left out in turn, over the motion (rms of the modes).
         missed: misfit over the motion, rms over all tests, of each mode.
         minimum: where the search ended.
@@ -62,6 +67,7 @@ class FittedForm:
     form: SystemForm
     values: SystemValues
     covariance: FloatArray
+    vector_std: FloatArray
     errors: FloatArray
     missed: FloatArray
     minimum: Minimum
@@ -76,6 +82,19 @@ class FittedForm:
         """Minus twice the logarithm of the likelihood; the noise of each test and mode is the rms of what is left."""
         left = [each for row in self.minimum.left for each in row]
         return sum(2.0 * each.size * float(np.log(np.mean(np.abs(each) ** 2))) for each in left)
+
+    def find_excess(self, system: System) -> float:
+        """Return the misfit of all tests together over that by the noise of their accelerations and forces.
+
+        So tests with the largest motion count most: one that hardly moves shows how friction sticks, which no law has.
+        """
+        missed = sum(float(np.sum(np.abs(own) ** 2)) for row in self.minimum.left for own in row)
+        by_noise = sum(
+            lines.size * (noise**2 + moved**2)
+            for test in system.tests
+            for lines, noise, moved in zip(test.lines, test.noise, test.moved, strict=True)
+        )
+        return float(np.sqrt(missed / max(by_noise, 1e-300)))
 
     @property
     def std(self) -> FloatArray:
@@ -107,6 +126,27 @@ def refine_form(system: System, rough: FittedForm) -> FittedForm:
     for _ in range(2):
         found = _minimise(system, rough.form, found.vector, _weights_of(system, found), is_last=True)
     return _describe(system, rough.form, found, _weights_of(system, found))
+
+
+def fit_mass(system: System, found: FittedForm) -> Estimate:
+    """Return the modal mass that the tests show of the mode under test beside a law, as `fit_modal_mass` does.
+
+    It is the factor by which the forces are too large for the motion, to the first order. A rough standard deviation
+    is enough, so what the law leaves is taken as white.
+    """
+    step, weights = 1e-3, _weights_of(system, found.minimum)
+    scaled = replace(system, tests=tuple(replace(each, forces=each.forces / (1.0 + step)) for each in system.tests))
+    moved = _subtract(scaled, found.form, found.vector)
+    left, right, slopes = (
+        np.concatenate([_as_real(row, own) for row, own in zip(rows, weights, strict=True)])
+        for rows in (found.minimum.left, moved, found.minimum.jacobian)
+    )
+    columns = np.column_stack([slopes, (right - left) / step])
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    inverse = np.linalg.pinv(columns / scale)
+    off = float(inverse[-1] @ left) / scale[-1]
+    rms = float(np.sqrt(np.mean((left - columns / scale @ (inverse @ left)) ** 2)))
+    return Estimate.normal(1.0 - off, rms * float(np.linalg.norm(inverse[-1])) / scale[-1])
 
 
 Weights = list[list[float]]
@@ -178,10 +218,9 @@ def find_bounds(form: SystemForm) -> tuple[FloatArray, FloatArray]:
         if terms.has_friction:
             low[first] = 0.0
             first += 1
-        if terms.has_slip:
-            low[first] = 0.0
-            low[first + 1], high[first + 1] = MODAL.slip_exponents
-            first += 2
+        ranges = terms.memory.ranges if terms.memory else ()
+        for low[first], high[first] in ranges:
+            first += 1
     return low, high
 
 
@@ -261,6 +300,8 @@ def _describe(system: System, form: SystemForm, found: Minimum, weights: Weights
     by_part = (n - 1) / n * steps.T @ steps
     values = system.convert(form, found.vector)
     slopes = differentiate(lambda vector: system.convert(form, vector).flatten(), found.vector)
+    n_values = len(slopes)
+    slopes = np.vstack([slopes, np.eye(form.size)])
     spread = [np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, each, slopes), 0.0)) for each in (by_noise, by_part)]
     std = np.maximum(spread[0], spread[1] * float(stats.t.ppf(0.975, n - 1)) / 1.96)
     missed = [
@@ -268,9 +309,9 @@ def _describe(system: System, form: SystemForm, found: Minimum, weights: Weights
         for index in range(n_modes)
     ]
     folds = _choose_folds(system, np.array(errors))
-    scale = std / np.maximum(spread[0], np.finfo(float).tiny)
-    covariance = np.einsum("ij,jk,lk->il", slopes, by_noise, slopes) * np.outer(scale, scale)
-    return FittedForm(form, values, covariance, folds, np.array(missed), found)
+    scale, of_values = (std / np.maximum(spread[0], 1e-100))[:n_values], slopes[:n_values]
+    covariance = np.einsum("ij,jk,lk->il", of_values, by_noise, of_values) * np.outer(scale, scale)
+    return FittedForm(form, values, covariance, std[n_values:], folds, np.array(missed), found)
 
 
 def _make_folds(system: System) -> list[dict[int, NDArray[np.bool_]]]:
@@ -307,3 +348,83 @@ def differentiate(function: Callable[[FloatArray], FloatArray], at: FloatArray) 
         step[index] = 1e-5 * max(abs(value), SIMULATED.least_size)
         columns.append((function(at + step) - function(at - step)) / (2 * step[index]))
     return np.stack(columns, axis=1)
+
+
+def estimate_joint(terms: ModeTerms, estimates: Sequence[Estimate]) -> JointEstimates:
+    """Return what was estimated of the joint of a mode, from the estimates of all its terms."""
+    friction, memory = terms.split(estimates)[2:]
+    return JointEstimates(friction[0] if friction else ABSENT, terms.memory, memory)
+
+
+def update_mode_fit(
+    fit: ModeFit, found: FittedForm, estimates: list[Estimate], *, misfit: float, mass: Estimate
+) -> ModeFit:
+    """Return the fit of the mode under test with the law by simulation, its misfit over noise and the mass it shows."""
+    terms, values = found.form.own[fit.mode], found.values.own[fit.mode]
+    explained = {mode for each in found.values.couplings for mode in each.modes}
+    k, c, amplitude = terms.powers.k, terms.powers.c, fit.stiffness_curve.position
+    stiffness, damping_powers = terms.split(estimates)[:2]
+    omega = _find_natural(fit, terms, values)
+    viscous = 4 * np.pi * fit.damping_ratio * fit.frequency_hz
+    damping = viscous + linearised(c, values.damping.values(), omega * amplitude)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        damping = damping + np.where(amplitude > 0, values.joint.find_damping(amplitude) / omega, 0.0)
+    curves = _make_curves(fit, terms, values, found.covariance[: terms.size, : terms.size])
+    updated = replace(
+        fit,
+        stiffness_order=terms.powers.orders[0],
+        damping_order=terms.powers.orders[1],
+        free_linear=1 in k,
+        residual_fraction=float(found.missed[0]),
+        misfit=misfit,
+        modal_mass=mass,
+        stiffness=stiffness,
+        damping=damping_powers,
+        joint_estimates=estimate_joint(terms, estimates),
+        stiffness_curve=curves[0],
+        damping_curve=curves[1],
+        frequency_at_hz=omega / (2 * np.pi),
+        damping_at=damping / np.maximum(2 * omega, 1e-300),
+        interactions=tuple(each for each in fit.interactions if each.other not in explained),
+    )
+    outdated = {*warn_of_fit(fit), *(each.sentence for each in fit.interactions if each.other in explained)}
+    kept = [text for text in fit.warnings if text not in outdated]
+    return replace(updated, warnings=(*kept, *warn_of_fit(updated)))
+
+
+def _find_natural(fit: ModeFit, terms: ModeTerms, values: OwnValues) -> FloatArray:
+    """Return the natural frequency of the mode under test at the amplitudes of its stiffness curve, rad/s."""
+    amplitude = fit.stiffness_curve.position
+    square = (2 * np.pi * fit.frequency_hz) ** 2 + linearised(terms.powers.k, values.stiffness.values(), amplitude)
+    return np.sqrt(np.maximum(square - values.joint.find_softening(amplitude), 0.0))
+
+
+def _make_curves(fit: ModeFit, terms: ModeTerms, values: OwnValues, covariance: FloatArray) -> list[ForceCurve]:
+    """Return the nonlinear stiffness and damping forces, with bands by the covariance of the values of the mode."""
+    amplitude = fit.stiffness_curve.position
+    vector = np.array(values.flatten())
+    pace = np.maximum(_find_natural(fit, terms, values), 2 * np.pi * MODAL.widest_band[0] * fit.frequency_hz)
+
+    def stiffness_force(at: FloatArray, own: FloatArray) -> FloatArray:
+        its = OwnValues.of(terms, own.tolist())
+        powers = (value * at**power for power, value in its.stiffness.items() if power > 1)
+        return sum(powers, -its.joint.find_slip_force(at))
+
+    def damping_force(at: FloatArray, own: FloatArray) -> FloatArray:
+        its = OwnValues.of(terms, own.tolist())
+        powers = (value * at**power for power, value in its.damping.items() if power > 1)
+        reached = at / np.interp(at, pace * amplitude, pace)
+        return sum(powers, its.joint.find_loss_force(reached))
+
+    curves = []
+    for curve, force, corrected in (
+        (fit.stiffness_curve, stiffness_force, values.stiffness.get(1, 0.0) - read_linear(fit.stiffness)),
+        (fit.damping_curve, damping_force, values.damping.get(1, 0.0) - read_linear(fit.damping)),
+    ):
+        at = curve.position
+        slopes = differentiate(lambda own, at=at, force=force: force(at, own), vector)  # type: ignore[misc]
+        half = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+        middle = force(at, vector)
+        linear = curve.linear + corrected * at
+        curves.append(replace(curve, force=middle, low=middle - half, high=middle + half, linear=linear))
+    return curves

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from opid.errors import InputError
 from opid.mechanics.response import time_response
 from opid.mechanics.structure import ComplexArray
 from opid.modal.couplings import Product, expand_joint
-from opid.modal.forced.equation import Powers, find_noise_power, transform_noise
-from opid.modal.joint_terms import JointTerms, ModalJoint
+from opid.modal.forced.equation import Powers, find_noise_power, find_quiet_lines, transform_noise
+from opid.modal.joint_terms import JointKind, JointTerms, ModalJoint, Values
 from opid.modal.linear.modes import LinearModes, ModalTest
 from opid.modal.model import NonlinearModalModel
 from opid.modal.power_laws import power_law
+from opid.modal.settings import SIMULATED
 from opid.signals.recording import FloatArray, recording_from_arrays
 from opid.signals.resampling import resampled
 
 Indices = NDArray[np.int64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -30,17 +34,31 @@ class ModeTerms:
     Args:
         powers: powers of displacement and velocity; 1 is the correction of k0 and c0.
         has_friction: whether there is dry friction.
-        has_slip: whether there is an Iwan joint.
+        memory: the joint with memory; None where there is none.
     """
 
     powers: Powers
     has_friction: bool = False
-    has_slip: bool = False
+    memory: JointKind | None = None
+
+    @property
+    def n_powers(self) -> int:
+        """The number of powers."""
+        return len(self.powers.k) + len(self.powers.c)
 
     @property
     def size(self) -> int:
         """The number of coefficients."""
-        return len(self.powers.k) + len(self.powers.c) + self.has_friction + 2 * self.has_slip
+        return self.n_powers + self.has_friction + (self.memory.n_fitted if self.memory else 0)
+
+    def split(self, values: Sequence[T]) -> tuple[dict[int, T], dict[int, T], tuple[T, ...], tuple[T, ...]]:
+        """Return k_n and c_n by their power, friction where there is any, and the values of the joint with memory."""
+        n_k, n = len(self.powers.k), self.n_powers + self.has_friction
+        stiffness, damping = (
+            dict(zip(powers, own, strict=False))
+            for powers, own in ((self.powers.k, values), (self.powers.c, values[n_k:]))
+        )
+        return stiffness, damping, tuple(values[self.n_powers : n]), tuple(values[n : self.size])
 
 
 @dataclass(frozen=True)
@@ -74,16 +92,34 @@ class SystemForm:
 
 @dataclass(frozen=True)
 class OwnValues:
-    """The coefficients of one mode: k_n and c_n by their power, and its joint."""
+    """The coefficients of one mode: k_n and c_n by their power, friction, and the values of a joint with memory."""
 
     stiffness: Mapping[int, float]
     damping: Mapping[int, float]
-    joint: JointTerms
+    friction: Values = ()
+    kind: JointKind | None = None
+    values: Values = ()
+
+    @classmethod
+    def of(cls, terms: ModeTerms, values: Sequence[float]) -> OwnValues:
+        """Return values of some terms."""
+        stiffness, damping, friction, memory = terms.split(values)
+        return cls(stiffness, damping, friction, terms.memory, memory)
+
+    @property
+    def joint(self) -> JointTerms:
+        """Friction and the joint with memory."""
+        return JointTerms.of_kind(sum(self.friction), self.kind, self.values)
 
     def flatten(self) -> list[float]:
         """Return all values in one list."""
-        joint = self.joint
-        return [*self.stiffness.values(), *self.damping.values(), joint.friction, joint.slip, joint.exponent]
+        return [*self.stiffness.values(), *self.damping.values(), *self.friction, *self.values]
+
+    def list_labels(self, mode: int) -> list[Hashable]:
+        """Return what each of these values is, of a mode."""
+        joint = [(self.kind.name if self.kind else "", mode, index) for index in range(len(self.values))]
+        powers = [("k", mode, n) for n in self.stiffness] + [("c", mode, n) for n in self.damping]
+        return [*powers, *(("friction", mode) for _ in self.friction), *joint]
 
 
 @dataclass(frozen=True)
@@ -102,11 +138,8 @@ class SystemValues:
     @property
     def labels(self) -> list[Hashable]:
         """What each value of `flatten` is, alike in all forms that have it."""
-        found: list[Hashable] = []
-        for mode, each in self.own.items():
-            found += [("k", mode, n) for n in each.stiffness] + [("c", mode, n) for n in each.damping]
-            found += [(name, mode) for name in ("friction", "slip", "exponent")]
-        return [*found, *self.couplings, *(("ratio", mode) for mode in self.ratios)]
+        own = [label for mode, each in self.own.items() for label in each.list_labels(mode)]
+        return [*own, *self.couplings, *(("ratio", mode) for mode in self.ratios)]
 
     def flatten(self) -> FloatArray:
         """Return all values in one vector."""
@@ -138,13 +171,10 @@ class System:
         given = iter(vector.tolist())
         own = {}
         for index, terms in enumerate(form.own.values()):
-            a, force = self.largest[index], self.damping_force(index)
-            stiffness = {n: next(given) * force / a**n for n in terms.powers.k}
-            damping = {n: next(given) * force / self.top_speed(index) ** n for n in terms.powers.c}
-            friction = next(given) * force if terms.has_friction else 0.0
-            slip, exponent = (next(given), next(given)) if terms.has_slip else (0.0, 0.0)
-            joint = JointTerms(friction, slip * force / a ** (2 + exponent), exponent)
-            own[form.modes[index]] = OwnValues(stiffness, damping, joint)
+            values = [next(given) for _ in range(terms.size)]
+            factors = self.find_factors(index, terms, values)
+            scaled = [value * factor for value, factor in zip(values, factors, strict=True)]
+            own[form.modes[index]] = OwnValues.of(terms, scaled)
         at = {number: index for index, number in enumerate(self.numbers)}
         couplings = {product: next(given) * self.measure_product(product) for product in form.products}
         ratios: dict[int, float] = {}
@@ -157,6 +187,13 @@ class System:
                 couplings |= expand_joint(direction, amount * scale / degree, degree, of_velocity=of_velocity)
         scales = {number: next(given) for number in self.numbers[1:]} if form.has_scales else {}
         return SystemValues(own, couplings, ratios, scales)
+
+    def find_factors(self, index: int, terms: ModeTerms, values: Sequence[float]) -> list[float]:
+        """Return what leads from the values of a mode in the units of the system to SI units."""
+        a, v, force = float(self.largest[index]), self.top_speed(index), self.damping_force(index)
+        of_powers = [force / a**n for n in terms.powers.k] + [force / v**n for n in terms.powers.c]
+        of_memory = terms.memory.find_factors(terms.split(values)[3], force, a) if terms.memory else ()
+        return [*of_powers, *[force] * terms.has_friction, *of_memory]
 
     def top_speed(self, index: int) -> float:
         """Return the velocity of a mode at its largest displacement and natural frequency, m/s kg^1/2."""
@@ -200,17 +237,18 @@ class System:
 
 @dataclass(frozen=True, eq=False)
 class SystemTest:
-    """One test of a system: its modal forces at half steps, and the lines of the measured accelerations.
+    """One test of a system: its modal forces, and the lines of the measured accelerations.
 
     Args:
         name: the name of the test.
         fs: sampling rate, Hz.
         n_samples: number of samples.
         steps_per_sample: steps of the simulation from one sample to the next.
-        forces: (n_half_steps, n_modes) modal forces, N/kg^1/2.
+        forces: (n_samples, n_modes) modal forces, N/kg^1/2.
         lines: indices of the lines of each mode's band.
         measured: transforms of the measured accelerations on these lines.
         noise: standard deviation of a line (complex) by the sensors' noise, of each mode.
+        moved: the same by the motion that the noise of the forces would cause.
         reach: lines over which errors are correlated, for the motion is short.
     """
 
@@ -222,21 +260,39 @@ class SystemTest:
     lines: tuple[Indices, ...]
     measured: tuple[ComplexArray, ...]
     noise: tuple[float, ...]
+    moved: tuple[float, ...]
     reach: int
+    _between: dict[int, FloatArray] = field(init=False, repr=False, default_factory=dict)
+
+    def find_forces(self, steps: int) -> FloatArray:
+        """Return the modal forces at half steps, (n_half_steps, n_modes), for a number of steps in each sample."""
+        if steps not in self._between:
+            names = [f"force {number + 1}" for number in range(self.forces.shape[1])]
+            series = recording_from_arrays(list(self.forces.T), names, fs=self.fs, unit="N")
+            between = resampled(series, 2 * steps * self.fs).samples
+            self._between[steps] = between[: 2 * (self.n_samples - 1) * steps + 1]
+        return self._between[steps]
 
     def simulate(self, model: NonlinearModalModel) -> list[ComplexArray]:
         """Return the lines of the simulated accelerations of each mode.
 
         Raises:
-            InputError: a motion that grows without bound.
+            InputError: a motion that grows without bound, or a joint whose memory changes too fast to be followed.
         """
+        finer = model.count_steps(self.fs, np.inf) / self.steps_per_sample
+        if finer > SIMULATED.most_finer:
+            raise InputError(f"the memory of a joint needs {finer:.3g} times shorter steps: give it a longer travel")
+        # In powers of 2 the steps stay alike while a search moves on.
+        steps = self.steps_per_sample * 2 ** max(0, int(np.ceil(np.log2(finer))))
         motion = time_response(
             model.structure(),
-            self.forces,
+            self.find_forces(steps),
             fs=self.fs,
             duration_s=self.n_samples / self.fs,
-            steps_per_sample=self.steps_per_sample,
+            steps_per_sample=steps,
         )
+        if np.abs(motion.acceleration).max() > SIMULATED.boundless:
+            raise InputError("the motion grows without bound")
         spectrum = fft.rfft(motion.acceleration, axis=0)
         return [spectrum[lines, index] for index, lines in enumerate(self.lines)]
 
@@ -264,22 +320,27 @@ def make_system(
     for test in tests:
         steps = max(1, int(np.ceil(highest / test.fs / step_rad)))
         n = len(test.acceleration)
-        forces = [test.modal_force(number) for number in numbers]
-        series = recording_from_arrays(forces, [f"mode {number}" for number in numbers], fs=test.fs, unit="N")
-        half = resampled(series, 2 * steps * test.fs).samples[: 2 * (n - 1) * steps + 1]
+        forces = np.stack([test.modal_force(number) for number in numbers], axis=1)
         frequency = fft.rfftfreq(n, 1 / test.fs)
         spectrum = fft.rfft(test.acceleration[:, indices], axis=0)
         noise = [float(np.sqrt(find_noise_power(transform_noise(test, number)))) for number in numbers]
         lines = [
             np.flatnonzero((frequency >= low) & (frequency <= high)).astype(np.int64) for low, high in bands_hz.values()
         ]
+        of_force, quiet = fft.rfft(forces, axis=0), find_quiet_lines(test.modes, frequency)
+        force_noise = np.sqrt(find_noise_power(of_force[quiet]))
+        gains = [
+            np.linalg.norm(spectrum[own, index]) / max(float(np.linalg.norm(of_force[own, index])), 1e-300)
+            for index, own in enumerate(lines)
+        ]
+        moved = [float(each) for each in force_noise * gains]
         size = np.sum(test.acceleration[:, indices[0]] ** 2)
         lasting = size**2 / max(float(np.sum(test.acceleration[:, indices[0]] ** 4)), 1e-300)
         ready.append(
             SystemTest(
-                test.name, test.fs, n, steps, half, tuple(lines),
+                test.name, test.fs, n, steps, forces, tuple(lines),
                 tuple(spectrum[own, index] for index, own in enumerate(lines)),
-                tuple(noise), int(np.ceil(2 * n / max(float(lasting), 1.0))),
+                tuple(noise), tuple(moved), int(np.ceil(2 * n / max(float(lasting), 1.0))),
             )
         )  # fmt: skip
     return System(modes, numbers, np.array([largest[number] for number in numbers]), tuple(ready))

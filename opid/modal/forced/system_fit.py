@@ -19,20 +19,33 @@ from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.couplings import Coupling, Product
 from opid.modal.forced.equation import mode_lines
-from opid.modal.forced.form_search import Trial, choose_trial, list_errors, mirror, try_forms
-from opid.modal.forced.mode_fit import ForceCurve, ModeFit, warn_of_fit
+from opid.modal.forced.form_search import (
+    Choice,
+    Trial,
+    choose_form,
+    list_errors,
+    list_joints,
+    list_kinds,
+    list_own,
+    mirror,
+    try_forms,
+    try_other_joints,
+)
+from opid.modal.forced.mode_fit import ModeFit
 from opid.modal.forced.mode_tests import Interaction
-from opid.modal.forced.restoring_fit import find_rms, find_shown_mass, linearised, list_near
+from opid.modal.forced.restoring_fit import find_rms, find_shown_mass, list_near
 from opid.modal.forced.simulated_fit import (
     FittedForm,
-    differentiate,
+    estimate_joint,
     fit_form,
+    fit_mass,
     refine_form,
+    update_mode_fit,
 )
-from opid.modal.forced.system import ModeTerms, OwnValues, System, SystemValues, make_system
-from opid.modal.joint_terms import JointTerms, ModalJoint, make_joint
+from opid.modal.forced.system import System, SystemValues, make_system
+from opid.modal.joint_terms import TOO_SHARP, JointEstimates, ModalJoint
 from opid.modal.linear.modes import ModalTest
-from opid.modal.power_laws import coefficients_json, make_fitted_law, read_linear
+from opid.modal.power_laws import coefficients_json, make_fitted_law
 from opid.modal.settings import MODAL, SIMULATED
 from opid.signals.recording import FloatArray
 
@@ -44,17 +57,13 @@ class DrivenLaw:
     Args:
         stiffness: k_n by its power n, (N/kg^1/2) / (m kg^1/2)^n; 1 is the correction of k0.
         damping: c_n by its power n, (N/kg^1/2) / (m/s kg^1/2)^n; 1 is the correction of c0.
-        friction: dry friction F, N/kg^1/2; empty where there is none.
-        slip: R of an Iwan joint, (N/kg^1/2) / (m kg^1/2)^(2 + chi); empty without one.
-        slip_exponent: chi of that joint; empty without one.
+        joint_estimates: friction and the joint with memory.
         largest: its largest displacement in the tests, m kg^1/2.
     """
 
     stiffness: Mapping[int, Estimate]
     damping: Mapping[int, Estimate]
-    friction: Estimate
-    slip: Estimate
-    slip_exponent: Estimate
+    joint_estimates: JointEstimates
     largest: float
 
     @property
@@ -64,13 +73,13 @@ class DrivenLaw:
 
     @property
     def joint(self) -> ModalJoint:
-        """Friction and slip, ready to be simulated."""
-        return make_joint(self.friction, self.slip, self.slip_exponent, self.largest)
+        """The joint, ready to be simulated."""
+        return self.joint_estimates.make(self.largest)
 
     def as_json(self) -> dict[str, Any]:
         """Return the law as result.json holds it."""
-        joint = {name: asdict(getattr(self, name)) for name in ("friction", "slip", "slip_exponent")}
-        return {**coefficients_json(self.stiffness, self.damping), **joint, "largest": self.largest}
+        powers, joint = coefficients_json(self.stiffness, self.damping), self.joint_estimates.as_json("joint_")
+        return {**powers, **joint, "largest": self.largest}
 
 
 @dataclass(frozen=True)
@@ -98,7 +107,7 @@ class SystemFit:
         missed: misfit over the motion in the band of each mode, rms, by its number.
         trials: the forms of the law that were tried.
         warnings: one sentence for each warning about the fit.
-        dropped: why products that were named are not in the law, "" where all are, or none were named.
+        dropped: why products or a joint that were named are not in the law, "" where all are, or none were named.
     """
 
     modes: tuple[int, ...]
@@ -135,6 +144,7 @@ def fit_system(
     interactions: Sequence[Interaction] = (),
     *,
     products: Sequence[Product] | None = None,
+    memory: str | None = None,
     search_own: bool = True,
     free_linear: bool = True,
 ) -> SystemFit:
@@ -145,11 +155,13 @@ def fit_system(
         fit: the mode by itself, whose powers are the start.
         interactions: the modes that it drives.
         products: the products by which they do, if they are known; searched where None.
+        memory: the name of a kind of joint, which the law then has if the tests determine it (`read_memory`); None
+            where it is not known: then joints of named kinds are tried where nothing else explains a mode alone.
         search_own: whether friction and slip are tried beside the powers.
-        free_linear: whether k0 and c0 of the driven modes, and beside slip, are corrected.
+        free_linear: whether k0 and c0 of the driven modes, and beside slip and joints, are corrected.
 
     Raises:
-        InputError: no form of the law could be fitted.
+        InputError: no form of the law could be fitted, or a memory that is no kind of joint.
     """
     bands = {fit.mode: fit.band_hz} | {each.other: each.band_hz for each in interactions}
     bands |= {
@@ -159,22 +171,69 @@ def fit_system(
     system = make_system(tests, bands, largest, step_rad=SIMULATED.first_step_rad)
     first = tuple(products) if products is not None else tuple(each.product for each in interactions)
     guesses = np.array([_guess_product(tests, bands, each) / system.measure_product(each) for each in first])
-    trials = try_forms(
-        system, fit, first, guesses, has_joint=products is None, search_own=search_own, free_linear=free_linear
-    )
-    if not trials:
+    kinds = list_kinds(memory)
+    free: dict[str, bool] = {"search_own": search_own, "free_linear": free_linear}
+    own = [*list_own(system, fit, **free), *list_joints(system, fit, kinds, **free)]
+    trials = try_forms(system, own, first, guesses, has_joint=products is None, free_linear=free_linear)
+    finer = make_system(tests, bands, largest, step_rad=SIMULATED.step_rad)
+    found = _choose_law(system, finer, fit, trials, memory, products or ()) if trials else None
+    has_more = (search_own or kinds) and len(bands) == 1
+    if has_more and (found is None or found.fit.misfit > SIMULATED.unexplained):
+        more = try_other_joints(system, fit, kinds, **free)
+        found = _choose_law(system, finer, fit, [*trials, *more], memory, products or ()) if more else found
+    if found is None:
         raise InputError(_explain_unbounded(tests, fit, first))
-    chosen = choose_trial(trials)
-    ends = [chosen.found]
-    if chosen.found.form.joint:
+    return found
+
+
+def _choose_law(
+    system: System,
+    finer: System,
+    fit: ModeFit,
+    trials: Sequence[Trial],
+    memory: str | None,
+    products: Sequence[Product],
+) -> SystemFit:
+    """Return the fit of the simplest good form whose joint the tests determine, with what is to be told of it."""
+    while True:
+        choice = choose_form(trials, fit.mode, memory)
+        made = _make_fit(finer, fit, trials, choice.trial, _refine_trial(system, finer, choice.trial))
+        kept = [each for each in trials if each is not choice.trial]
+        if made.fit.joint_estimates.stands_out or not kept:
+            break
+        # The joint is determined only as long as forms are compared.
+        trials = kept
+    dropped = [choice.dropped, _explain_dropped(products, trials, choice.trial)]
+    return replace(_tell_joint(made, choice), dropped="; ".join(each for each in dropped if each))
+
+
+def _refine_trial(system: System, finer: System, trial: Trial) -> list[FittedForm]:
+    """Return the likely ends of the search of a form, the likeliest first, fitted to convergence with finer steps."""
+    ends = [trial.found]
+    if trial.found.form.joint:
         # The form was found with one sign of its joint; the mirrored one may explain the tests as well, or better.
         with suppress(InputError):
-            ends.append(fit_form(system, chosen.found.form, mirror(chosen.found), is_near=True))
-    finer = make_system(tests, bands, largest, step_rad=SIMULATED.step_rad)
+            ends.append(fit_form(system, trial.found.form, mirror(trial.found), is_near=True))
     ends = sorted((refine_form(finer, each) for each in ends), key=lambda each: each.score)
-    likely = [each for each in ends if each.score <= ends[0].score + MODAL.rival_score]
-    made = _make_fit(finer, fit, trials, chosen, likely)
-    return replace(made, dropped=_explain_dropped(products, trials, chosen)) if products else made
+    return [each for each in ends if each.score <= ends[0].score + MODAL.rival_score]
+
+
+def _tell_joint(made: SystemFit, choice: Choice) -> SystemFit:
+    """Return a fit with what is to be told of its joint."""
+    joint, warnings = made.fit.joint_estimates, [choice.warning] if choice.warning else []
+    missed, named = made.missed[made.fit.mode], joint.named
+    if named is not None and missed > SIMULATED.warned_missed:
+        joint = joint.with_estimates(Estimate.without_interval)
+        warnings.append(
+            f"mode {made.fit.mode}: with a joint of the kind {named.name} the law still misses {100 * missed:.0f} % of "
+            "the motion, so that its values have no intervals: it is of another kind, or powers stand beside it (give "
+            "their orders)"
+        )
+    elif joint.kind and joint.kind.is_sharp(tuple(float(each.value or 0.0) for each in joint.values)):
+        joint = replace(joint, values=(*joint.values[:-1], joint.values[-1].without_interval()))
+        warnings.append(f"mode {made.fit.mode}: {TOO_SHARP}")
+    fit = replace(made.fit, joint_estimates=joint)
+    return replace(made, fit=fit, warnings=(*made.warnings, *warnings))
 
 
 def _explain_unbounded(tests: Sequence[ModalTest], fit: ModeFit, products: Sequence[Product]) -> str:
@@ -185,8 +244,8 @@ def _explain_unbounded(tests: Sequence[ModalTest], fit: ModeFit, products: Seque
         f"no law of mode {fit.mode} could be simulated: with the values that the search begins with ({terms}, from the "
         "equation of motion) the model grows without bound under the forces of "
         f"{list_names(repr(each.name) for each in tests)}, which move the mode up to {fit.joint.largest:.3g} m kg^1/2, "
-        "where a search needs a bounded motion in every test; give tests at lower levels, too, lower orders, or name "
-        "fewer couplings"
+        "or no joint that was tried stands out, where a search needs a bounded motion in every test; give tests at "
+        "lower levels, too, lower orders, or name fewer couplings"
     )
 
 
@@ -244,8 +303,9 @@ def _make_fit(
     spread = _find_spread(found, [*others, *likely])
     freed = _free_scales(system, found)
     by_scale = _find_error_by_scale(found, freed) if freed else 0.0
-    by_mass = _find_error_by_mass(system, found, find_shown_mass(fit.modal_mass))
-    more = spread**2 + _find_model_errors(found) ** 2 + by_scale**2 + by_mass**2
+    mass = fit_mass(system, found)
+    by_mass = _find_error_by_mass(system, found, find_shown_mass(mass))
+    more = spread**2 + _find_model_errors(system, found) ** 2 + by_scale**2 + by_mass**2
     found = replace(found, covariance=found.covariance + np.diag(more))
     std = iter(found.std.tolist())
     estimates: dict[int, list[Estimate]] = {}
@@ -266,7 +326,7 @@ def _make_fit(
     missed = dict(zip(system.numbers, found.missed.tolist(), strict=True))
     at = dict(zip(system.numbers, system.largest.tolist(), strict=True))
     driven = {mode: _make_law(found, mode, each, at[mode]) for mode, each in estimates.items() if mode != fit.mode}
-    updated = _update_mode_fit(fit, found, estimates[fit.mode])
+    updated = update_mode_fit(fit, found, estimates[fit.mode], misfit=found.find_excess(system), mass=mass)
     made = SystemFit(system.numbers, updated, driven, couplings, ratios, missed, rungs, ())
     warnings = [*_warn_of_fit(made, found, has_rivals), *(_warn_of_scales(freed) if freed else ())]
     return replace(made, warnings=tuple(warnings))
@@ -290,7 +350,8 @@ def _count_factors(values: SystemValues) -> FloatArray:
     """Return how many factors of the motion the force of each value has, flattened; 1 of what has no unit of force."""
     counts: list[float] = []
     for own in values.own.values():
-        counts += [*own.stiffness, *own.damping, 0.0, 2.0 + own.joint.exponent, 1.0]
+        counts += [*own.stiffness, *own.damping, *(0.0 for _ in own.friction)]
+        counts += own.kind.count_powers(own.values) if own.kind else ()
     counts += [len(product.modes) - 1.0 for product in values.couplings]
     return np.array([*counts, *(1.0 for _ in (*values.ratios, *values.scales))])
 
@@ -317,97 +378,22 @@ def _find_spread(chosen: FittedForm, near: Sequence[FittedForm]) -> FloatArray:
     return np.sqrt(squares / weights)
 
 
-def _find_model_errors(found: FittedForm) -> FloatArray:
-    """Return standard deviations of the values, flattened, by what the model of friction cannot know."""
-    errors = np.zeros(len(found.covariance))
-    first = 0
-    for values in found.values.own.values():
-        first += len(values.flatten())
-        errors[first - 3] = SIMULATED.friction_std * values.joint.friction
-    return errors
+def _find_model_errors(system: System, found: FittedForm) -> FloatArray:
+    """Return standard deviations of the values, flattened, by steps of the simulation and by how friction sticks."""
+    errors: list[float] = []
+    linear = np.column_stack([system.modes.stiffness(), system.modes.damping()]).tolist()
+    for (k0, c0), values in zip(linear, found.values.own.values(), strict=True):
+        errors += [SIMULATED.stiffness_std * k0 if n == 1 else 0.0 for n in values.stiffness]
+        errors += [SIMULATED.damping_std * c0 if n == 1 else 0.0 for n in values.damping]
+        errors += [SIMULATED.friction_std * each for each in values.friction]
+        of_joint = 0.0 if values.kind is None or values.kind.is_slip else SIMULATED.joint_std
+        errors += [of_joint * each for each in values.values]
+    return np.array([*errors, *(0.0 for _ in range(len(found.covariance) - len(errors)))])
 
 
 def _make_law(found: FittedForm, mode: int, estimates: list[Estimate], largest: float) -> DrivenLaw:
     terms = found.form.own[mode]
-    n_k, n = len(terms.powers.k), len(terms.powers.k) + len(terms.powers.c)
-    return DrivenLaw(
-        dict(zip(terms.powers.k, estimates, strict=False)),
-        dict(zip(terms.powers.c, estimates[n_k:], strict=False)),
-        estimates[n] if terms.has_friction else Estimate(),
-        estimates[n + 1] if terms.has_slip else Estimate(),
-        estimates[n + 2] if terms.has_slip else Estimate(),
-        largest,
-    )
-
-
-def _update_mode_fit(fit: ModeFit, found: FittedForm, estimates: list[Estimate]) -> ModeFit:
-    """Return the fit of the mode under test with the law by simulation."""
-    terms, values = found.form.own[fit.mode], found.values.own[fit.mode]
-    explained = {mode for each in found.values.couplings for mode in each.modes}
-    n_k, n = len(values.stiffness), len(values.stiffness) + len(values.damping)
-    k, c, amplitude = terms.powers.k, terms.powers.c, fit.stiffness_curve.position
-    omega = _find_natural(fit, terms, values)
-    viscous = 4 * np.pi * fit.damping_ratio * fit.frequency_hz
-    damping = viscous + linearised(c, values.damping.values(), omega * amplitude)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        damping = damping + np.where(amplitude > 0, values.joint.find_damping(amplitude) / omega, 0.0)
-    curves = _make_curves(fit, terms, values, found.covariance[: n + 3, : n + 3])
-    updated = replace(
-        fit,
-        stiffness_order=terms.powers.orders[0],
-        damping_order=terms.powers.orders[1],
-        free_linear=1 in k,
-        residual_fraction=float(found.missed[0]),
-        stiffness=dict(zip(k, estimates, strict=False)),
-        damping=dict(zip(c, estimates[n_k:], strict=False)),
-        friction=estimates[n] if terms.has_friction else Estimate(),
-        slip=estimates[n + 1] if terms.has_slip else Estimate(),
-        slip_exponent=estimates[n + 2] if terms.has_slip else Estimate(),
-        stiffness_curve=curves[0],
-        damping_curve=curves[1],
-        frequency_at_hz=omega / (2 * np.pi),
-        damping_at=damping / np.maximum(2 * omega, 1e-300),
-        interactions=tuple(each for each in fit.interactions if each.other not in explained),
-    )
-    outdated = {*warn_of_fit(fit), *(each.sentence for each in fit.interactions if each.other in explained)}
-    kept = [text for text in fit.warnings if text not in outdated]
-    return replace(updated, warnings=(*kept, *warn_of_fit(updated)))
-
-
-def _find_natural(fit: ModeFit, terms: ModeTerms, values: OwnValues) -> FloatArray:
-    """Return the natural frequency of the mode under test at the amplitudes of its stiffness curve, rad/s."""
-    amplitude = fit.stiffness_curve.position
-    square = (2 * np.pi * fit.frequency_hz) ** 2 + linearised(terms.powers.k, values.stiffness.values(), amplitude)
-    return np.sqrt(np.maximum(square - values.joint.find_softening(amplitude), 0.0))
-
-
-def _make_curves(fit: ModeFit, terms: ModeTerms, values: OwnValues, covariance: FloatArray) -> list[ForceCurve]:
-    """Return the nonlinear stiffness and damping forces, with bands by the covariance of the values of the mode."""
-    k, c, n_k, amplitude = terms.powers.k, terms.powers.c, len(values.stiffness), fit.stiffness_curve.position
-    vector = np.array(values.flatten())
-    pace = np.maximum(_find_natural(fit, terms, values), 2 * np.pi * MODAL.widest_band[0] * fit.frequency_hz)
-
-    def stiffness_force(at: FloatArray, own: FloatArray) -> FloatArray:
-        powers = (own[i] * at**power for i, power in enumerate(k) if power > 1)
-        return sum(powers, -JointTerms(*own[-3:]).find_slip_force(at))
-
-    def damping_force(at: FloatArray, own: FloatArray) -> FloatArray:
-        powers = (own[n_k + i] * at**power for i, power in enumerate(c) if power > 1)
-        reached = at / np.interp(at, pace * amplitude, pace)
-        return sum(powers, JointTerms(*own[-3:]).find_loss_force(reached))
-
-    curves = []
-    for curve, force, corrected in (
-        (fit.stiffness_curve, stiffness_force, values.stiffness.get(1, 0.0) - read_linear(fit.stiffness)),
-        (fit.damping_curve, damping_force, values.damping.get(1, 0.0) - read_linear(fit.damping)),
-    ):
-        at = curve.position
-        slopes = differentiate(lambda own, at=at, force=force: force(at, own), vector)  # type: ignore[misc]
-        half = 1.96 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
-        middle = force(at, vector)
-        linear = curve.linear + corrected * at
-        curves.append(replace(curve, force=middle, low=middle - half, high=middle + half, linear=linear))
-    return curves
+    return DrivenLaw(*terms.split(estimates)[:2], estimate_joint(terms, estimates), largest)
 
 
 def _warn_of_fit(fit: SystemFit, found: FittedForm, has_rivals: bool) -> Iterator[str]:
