@@ -73,8 +73,10 @@ def print_named_joints(seeds: range) -> None:
             rng = np.random.default_rng([4, seed])
             signal, truth, c0 = ring_with_joint(world, rng)
             law = free_decay(noisy_after_rest(signal, rng, 0.01), fs=RUNG_FS, memory=kind).fitted
-            found = {} if law is None else {name.split(".")[1]: each for name, each, _ in law.joint_estimates.list_values("", "")}
-            found |= {} if law is None else {"viscous damping": law.damping[1]}
+            found: dict[str, Estimate] = {}
+            if law is not None:
+                values = law.joint_estimates.list_values("", "")
+                found = {name.split(".")[1]: each for name, each, _ in values} | {"viscous damping": law.damping[1]}
             for name, true in (truth | {"viscous damping": c0}).items():
                 estimate = found.get(name, Estimate())
                 # without an interval the value is a description and no answer
