@@ -16,6 +16,7 @@ from .backbones.quadrature_curves import (
     Specimen as Specimen,
     quadrature_curve as quadrature_curve,
 )
+from .backbones.response_curves import ResponseCurve as ResponseCurve, response_curve as response_curve
 from .driven import (
     Interface as Interface,
     Noise as Noise,

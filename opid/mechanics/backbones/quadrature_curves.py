@@ -1,13 +1,16 @@
 """Backbones as single-point forcing finds them: one sensor in quadrature with the force, level after level.
 
 The module has the records of a measurement, and computes the same curves by harmonic balance of the damped, forced
-structure.
+structure. The phase of a sensor and either an amplitude or the force are prescribed, so that response curves follow
+from the same equations (`response_curves`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,8 +30,13 @@ _SLOW = 1e-9
 _N_SCANNED = 6001
 # fraction of the largest extension by which a solution may differ from its prediction
 _FROM_PREDICTION = 0.05
-# smallest step of the amplitude, as a fraction of it
+# smallest step of what is prescribed, as a fraction of it
 _LEAST_STEP = 1 / 64
+
+HARMONICS = (1, 3, 5, 7)
+"""The harmonics that are balanced where none are named."""
+
+_Prescribed = Literal["amplitude", "force_n", "phase_error_rad"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +79,11 @@ class Specimen:
     def joint_laws(self) -> tuple[Law, ...]:
         """One law for each joint."""
         return laws_of_joints(self.laws, self.system)
+
+    @cached_property
+    def joints_of_laws(self) -> dict[Law, list[int]]:
+        """The numbers of the joints that have each law, from 0."""
+        return {law: [k for k, own in enumerate(self.joint_laws) if own == law] for law in self.joint_laws}
 
     @property
     def zeta(self) -> FloatArray:
@@ -205,7 +218,7 @@ def quadrature_curve(
     sensor: str,
     controlled_sensor: str,
     amplitude: ArrayLike,
-    harmonics: Sequence[int] = (1, 3, 5, 7),
+    harmonics: Sequence[int] = HARMONICS,
     widest_fraction: float = 0.03,
 ) -> MeasuredCurve:
     """Return the curve to which single-point forcing tends, by harmonic balance, without simulating a measurement.
@@ -233,54 +246,74 @@ def quadrature_curve(
             or a mode in which the drive point or the controlled sensor does not move.
     """
     wanted = require_growing_amplitudes(amplitude)
+    balance, branch = begin_curve(specimen, mode, (sensor, controlled_sensor), harmonics, widest_fraction)
+    if branch is None:
+        here = replace(balance, amplitude=float(wanted[0]))
+        levels = [here.make_level(here.linear_motion(), here.say_miss(1.0, widest_fraction))]
+    else:
+        levels, _ = sweep(balance, branch, "amplitude", wanted, widest_fraction)
+    return MeasuredCurve(mode, sensor, controlled_sensor, specimen.system.sensors, tuple(levels))
+
+
+def begin_curve(
+    specimen: Specimen, mode: int, sensors: tuple[str, str], harmonics: Sequence[int], widest_fraction: float
+) -> tuple[_Balance, _Branch | None]:
+    """Return the equations at zero amplitude with their solution; None where the linear sensor has no quadrature."""
     numbers = tuple(sorted({int(number) for number in harmonics}))
     if 1 not in numbers or numbers[0] < 0:
         raise InputError(f"harmonics are {tuple(harmonics)}: give whole numbers from 0 on, with 1 among them")
-    _, force_n = solve_linear_start(specimen, mode, controlled_sensor)
+    _, force_n_per_m = solve_linear_start(specimen, mode, sensors[1])
     system = specimen.system
-    columns = system.sensor(sensor), system.sensor(controlled_sensor)
+    columns = system.sensor(sensors[0]), system.sensor(sensors[1])
     linear_hz = float(system.frequency_hz[system.index(mode)])
     found = _find_linear_quadrature(specimen, linear_hz, columns[0], widest_fraction)
-    balance = _Balance(specimen, numbers, columns, 0.0, found or linear_hz, force_n)
-    branch = _Branch(0.0, balance.linear_motion())
-    last, levels = 1.0, []
-    for a in map(float, wanted):
-        followed = _follow(balance, branch, a) if found else None
-        branch, here = followed or branch, replace(balance, amplitude=a)
-        _, ratio, force = here.unpack(branch.x)
-        if followed is None or abs(ratio / last - 1.0) > widest_fraction or force <= 0.0:
-            near_hz = last * balance.frequency_hz
-            reason = f"{sensor!r} does not reach quadrature within {widest_fraction:.0%} of {near_hz:.3f} Hz"
-            levels.append(here.make_level(branch.x, numbers, reason))
-            break
-        last = ratio
-        levels.append(here.make_level(branch.x, numbers, ""))
-    return MeasuredCurve(mode, sensor, controlled_sensor, system.sensors, tuple(levels))
+    balance = _Balance(specimen, numbers, columns, found or linear_hz, force_n_per_m)
+    return balance, _Branch(0.0, balance.linear_motion()) if found else None
 
 
 @dataclass(frozen=True, eq=False)
 class _Branch:
-    """A solution x at one amplitude, m, and its slope over the amplitude, 1/m."""
+    """A solution x at one value of what is prescribed, in its unit, and its slope over it."""
 
-    amplitude: float
+    at: float
     x: FloatArray
     slope: FloatArray | float = 0.0
 
 
-def _follow(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | None:
-    """Return the solution at a larger amplitude on the same branch, by secants; None where it cannot be found."""
-    goal = amplitude
-    while branch.amplitude < amplitude:
-        step = goal - branch.amplitude
+def sweep(
+    balance: _Balance, branch: _Branch, name: _Prescribed, values: FloatArray, widest_fraction: float
+) -> tuple[list[ContinuationLevel], _Branch]:
+    """Return a level for each value of what is prescribed, and the last solution; a level that fails is the last."""
+    last, levels = float(branch.x[-2]), []
+    for value in map(float, values):
+        followed = _follow(balance, branch, name, value)
+        branch, here = followed or branch, balance.prescribe(name, value)
+        _, ratio, force = here.unpack(branch.x)
+        is_lost = followed is None or abs(ratio / last - 1.0) > widest_fraction or force <= 0.0
+        levels.append(here.make_level(branch.x, here.say_miss(last, widest_fraction) if is_lost else ""))
+        if is_lost:
+            break
+        last = ratio
+    return levels, branch
+
+
+def _follow(balance: _Balance, branch: _Branch, name: _Prescribed, value: float) -> _Branch | None:
+    """Return the solution at a value that is farther from 0 on the same branch, by secants; None where there is none.
+
+    `name` is that of the field of the balance to which the value belongs.
+    """
+    goal = value
+    while branch.at != value:
+        step = goal - branch.at
         predicted = branch.x + step * branch.slope
-        there = replace(balance, amplitude=goal)
+        there = balance.prescribe(name, goal)
         x = np.asarray(optimize.root(there.residual, predicted, tol=1e-12).x)
         off = np.abs(x - predicted)[:-2].max() / np.abs(predicted[:-2]).max()
         # A sensor may have two quadratures close to each other: a solution far from the prediction is the other one.
         if np.abs(there.residual(x)).max() < 1e-8 and off < _FROM_PREDICTION:
-            branch, goal = _Branch(goal, x, (x - branch.x) / step), amplitude
-        elif step > _LEAST_STEP * amplitude:
-            goal = branch.amplitude + 0.5 * step
+            branch, goal = _Branch(goal, x, (x - branch.x) / step), value
+        elif abs(step) > _LEAST_STEP * abs(value):
+            goal = branch.at + 0.5 * step
         else:
             return None
     return branch
@@ -336,14 +369,24 @@ def solve_linear_start(specimen: Specimen, mode: int, controlled_sensor: str) ->
 
 @dataclass(frozen=True, eq=False)
 class _Balance:
-    """The equations of one level; unknowns are scaled by the amplitude, a frequency, and the force for 1 m, N/m."""
+    """The equations of one level; unknowns are scaled by the amplitude, a frequency, and the force for 1 m, N/m.
+
+    The amplitude is prescribed, unless the force is: the force over the amplitude is unknown in both cases.
+    """
 
     specimen: Specimen
     numbers: tuple[int, ...]
-    columns: tuple[int, int]
-    amplitude: float
+    columns: tuple[int, int]  # of the sensor whose phase is prescribed, and of that whose amplitude is
     frequency_hz: float
     force_n_per_m: float
+    amplitude: float = 0.0
+    force_n: float | None = None
+    phase_error_rad: float = 0.0  # off quadrature, see `find_quadrature_error`
+
+    def prescribe(self, name: _Prescribed, value: float) -> _Balance:
+        """Return the equations with another value of what is prescribed."""
+        changed: dict[str, Any] = {name: value}
+        return replace(self, **changed)
 
     def linear_motion(self) -> FloatArray:
         """Return the unknowns in the limit of zero amplitude, where only the force moves the structure."""
@@ -358,43 +401,54 @@ class _Balance:
         parts = x[:-2].reshape(2, len(self.numbers), -1)
         return parts[0] + 1j * parts[1], float(x[-2]), float(x[-1])
 
+    def find_amplitude(self, x: FloatArray) -> float:
+        """Return the amplitude of the controlled sensor, m."""
+        return self.amplitude if self.force_n is None else self.force_n / (float(x[-1]) * self.force_n_per_m)
+
     def motion(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:
         """Return the misfit of the joints (n_harmonics, n_joints) and the sensors (n_harmonics, n_sensors), over A."""
-        z, ratio, force = self.unpack(x)
+        z, ratio, stiffness = self.unpack(x)
         system, specimen = self.specimen.system, self.specimen
+        amplitude = self.find_amplitude(x)
         omega = 2.0 * np.pi * self.frequency_hz * ratio * np.array(self.numbers)[:, None]
-        held = self._transform_joint_force(self.amplitude * z, omega[:, 0])
+        held = self._transform_joint_force(amplitude * z, omega[:, 0])
         modal = -held @ system.at_joints
-        force *= self.force_n_per_m * self.amplitude
+        force = stiffness * self.force_n_per_m * amplitude
         modal[self.numbers.index(1)] += force * specimen.drive_row
-        q = modal / (system.eigenvalue - omega**2 + 1j * omega * specimen.modal_damping) / self.amplitude
+        q = modal / (system.eigenvalue - omega**2 + 1j * omega * specimen.modal_damping) / amplitude
         return z - q @ system.at_joints.T, q @ system.at_sensors.T, force
 
     def _transform_joint_force(self, z: ComplexArray, omega: FloatArray) -> ComplexArray:
         """Return harmonics of the joints' forces, (n_harmonics, n_joints), by sampling one period."""
-        angle = np.outer(np.arange(_SAMPLES) * (2.0 * np.pi / _SAMPLES), self.numbers)
-        wave = np.exp(1j * angle)
+        wave, weight = _make_waves(self.numbers)
         extension, rate = (wave @ z).real, (wave @ (1j * omega[:, None] * z)).real
-        force = np.column_stack(
-            [law.force(extension[:, k], rate[:, k]) for k, law in enumerate(self.specimen.joint_laws)]
-        )
-        weight = np.where(np.array(self.numbers) == 0, 1.0, 2.0) / _SAMPLES
-        return np.asarray(weight[:, None] * (wave.conj().T @ force), dtype=np.complex128)
+        force = np.empty_like(extension)
+        for law, joints in self.specimen.joints_of_laws.items():
+            force[:, joints] = law.force(extension[:, joints], rate[:, joints])
+        return np.asarray(weight @ force, dtype=np.complex128)
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """Return the (n_unknowns,) values of the equations, all zero at quadrature."""
+        """Return the (n_unknowns,) values of the equations, all zero at the phase and the amplitude or force."""
         misfit, sensors, _ = self.motion(x)
         first = sensors[self.numbers.index(1)]
-        held, quadrature = np.abs(first[self.columns[1]]), first[self.columns[0]].real
-        size = max(abs(first[self.columns[0]]), 1e-12)
-        return np.concatenate([misfit.real.ravel(), misfit.imag.ravel(), [held - 1.0, quadrature / size]])
+        held, turned = np.abs(first[self.columns[1]]), first[self.columns[0]] * np.exp(-1j * self.phase_error_rad)
+        size = max(abs(turned), 1e-12)
+        return np.concatenate([misfit.real.ravel(), misfit.imag.ravel(), [held - 1.0, turned.real / size]])
 
-    def make_level(self, x: FloatArray, numbers: tuple[int, ...], reason: str) -> ContinuationLevel:
+    def say_miss(self, ratio: float, widest_fraction: float) -> str:
+        """Return the clause on a phase that is not reached near a frequency, over its scale."""
+        sensor, near_hz = self.specimen.system.sensors[self.columns[0]], ratio * self.frequency_hz
+        lag = 90.0 - np.degrees(self.phase_error_rad)
+        phase = f"a lag of {lag:.3g} degrees" if self.phase_error_rad else "quadrature"
+        within = f"within {widest_fraction:.0%} of" if np.isfinite(widest_fraction) else "beyond"
+        return f"{sensor!r} does not reach {phase} {within} {near_hz:.3f} Hz"
+
+    def make_level(self, x: FloatArray, reason: str) -> ContinuationLevel:
         """Return the record of a solution."""
         _, sensors, force = self.motion(x)
-        kept = max(numbers)
+        kept = max(self.numbers)
         displacement = np.zeros((sensors.shape[1], kept), dtype=complex)
-        for number, row in zip(numbers, self.amplitude * sensors, strict=True):
+        for number, row in zip(self.numbers, self.find_amplitude(x) * sensors, strict=True):
             if number:
                 displacement[:, number - 1] = row
         forces = np.zeros(kept, dtype=complex)
@@ -402,6 +456,14 @@ class _Balance:
         error = find_quadrature_error(forces[0], displacement[self.columns[0], 0])
         frequency = self.frequency_hz * self.unpack(x)[1]
         return ContinuationLevel(frequency, forces, displacement, error, 0.0, not reason, 1, 0, reason)
+
+
+@cache
+def _make_waves(numbers: tuple[int, ...]) -> tuple[ComplexArray, ComplexArray]:
+    """Return what takes harmonics to the samples of a period, and what takes real samples to harmonics."""
+    wave = np.exp(1j * np.outer(np.arange(_SAMPLES) * (2.0 * np.pi / _SAMPLES), numbers))
+    weight = np.where(np.array(numbers) == 0, 1.0, 2.0)[:, None] / _SAMPLES
+    return np.asarray(wave, dtype=np.complex128), np.asarray(weight * wave.conj().T, dtype=np.complex128)
 
 
 def find_quadrature_error(force: complex, displacement: complex) -> float:
