@@ -67,7 +67,7 @@ def _make_band(
     found = make_solver(data, posterior.model_class, mode, sensor, amplitude)(theta)
     growth = fill_gaps(found.eigenvalue, mode.linear) / mode.linear - 1
     at_nodes = None if mode.frequency_noise is None else make_curves(data, mode, posterior.model_class)(theta)
-    errors = _draw_errors(data, mode, at_nodes, found.eigenvalue, growth, rng)
+    errors = draw_frequency_errors(data, mode, at_nodes, found.eigenvalue, growth, rng)
     band = find_band(to_hz(found.eigenvalue + errors))
     hz = np.concatenate([one.frequency_hz for one in curves])
     sensors: tuple[SensorBand, ...] = ()
@@ -82,7 +82,7 @@ def _make_band(
     )  # fmt: skip
 
 
-def _draw_errors(
+def draw_frequency_errors(
     data: BackboneData,
     mode: ModeData,
     at_nodes: Curves | None,
@@ -185,6 +185,31 @@ def draw_motions(
     return found.shapes / found.shapes[..., [controlled]] + find_units(found.shapes, controlled) * errors
 
 
+def draw_relative_motions(
+    data: BackboneData,
+    mode: ModeData,
+    found: BackboneFamily,
+    growth: FloatArray,
+    at_nodes: Curves,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Draw the motions of a further curve over that of the controlled sensor, (n, n_points, n_sensors).
+
+    They are nan without a curve of the model. A sensor that the curves lack has the motion itself with its stated
+    error.
+    """
+    assert mode.errors is not None  # The recommended form has noise models.
+    motions, controlled = _find_motions(data, mode), data.system.sensor(found.sensor)
+    relative = draw_motions(found, controlled, growth, data.noise.linear_shape_error, mode.errors.shape, rng)
+    if motions is not None:
+        noise = shape_noise_of(mode, motions.relate(mode.shapes), data.noise, mode.errors)
+        rows = mode.rows[motions.others]
+        errors = draw_errors(noise, motions.relate(at_nodes[1]), growth, rng)
+        relative[..., rows] = found.shapes[..., rows] / found.shapes[..., [controlled]] + motions.unit * errors
+    relative[at_nodes[3]] = np.nan
+    return relative
+
+
 def _band_sensors(
     data: BackboneData,
     mode: ModeData,
@@ -196,18 +221,11 @@ def _band_sensors(
     rng: np.random.Generator,
 ) -> tuple[SensorBand, ...]:
     """Return the band of each sensor but the controlled one; `fractions` are those of curves that were left out."""
-    assert mode.errors is not None  # The recommended form has noise models.
     system, motions = data.system, _find_motions(data, mode)
     controlled = system.sensor(found.sensor)
-    relative = draw_motions(found, controlled, growth, data.noise.linear_shape_error, mode.errors.shape, rng)
-    left_out: dict[int, float] = {}
-    if motions is not None:
-        noise = shape_noise_of(mode, motions.relate(mode.shapes), data.noise, mode.errors)
-        rows = mode.rows[motions.others]
-        errors = draw_errors(noise, motions.relate(at_nodes[1]), growth, rng)
-        relative[..., rows] = found.shapes[..., rows] / found.shapes[..., [controlled]] + motions.unit * errors
-        left_out = dict(zip(rows.tolist(), fractions, strict=False))
-    relative[at_nodes[3]] = np.nan
+    relative = draw_relative_motions(data, mode, found, growth, at_nodes, rng)
+    rows = [] if motions is None else mode.rows[motions.others].tolist()
+    left_out = dict(zip(rows, fractions, strict=False))
     bands = []
     for row, sensor in enumerate(system.sensors):
         if row == controlled:

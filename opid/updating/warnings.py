@@ -68,11 +68,7 @@ def warn_of_class(
     """Yield warnings about the posterior of one class, given its samples and its best parameters."""
     for pressure in find_pressures(chain.pooled, model_class.priors):
         yield f"theta_{pressure.parameter} {pressure.sentence}"
-    misfits = lack_of_fit(data, model_class, best)
-    yield from warn_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
-    if data.force is not None and (error := find_force_error(data, data.force, model_class, best)) is not None:
-        yield from warn_of_force(force_misfit(data.force, error, data.noise))
-        yield from warn_of_force_level(data.force, error, data.noise)
+    yield from warn_of_laws(data, model_class, best)
     near = chain.thinned(UPDATING.n_checked)
     far = best + UPDATING.far_out * (near - best)
     far = np.concatenate([best[None], far[np.isfinite(model_class.log_prior(far))]])
@@ -102,6 +98,15 @@ def warn_of_class(
         for (name, estimate), own in zip(estimates.items(), model_class.parameters, strict=True):
             if own.is_amplitude and estimate.holds(0.0):
                 yield f"the interval of {name} contains 0: the data do not need the term {own.key}"
+
+
+def warn_of_laws(data: BackboneData, model_class: ModelClass, best: FloatArray) -> Iterator[str]:
+    """Yield warnings about laws that fit neither the backbones nor the force with the best parameters."""
+    misfits = lack_of_fit(data, model_class, best)
+    yield from warn_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))
+    if data.force is not None and (error := find_force_error(data, data.force, model_class, best)) is not None:
+        yield from warn_of_force(force_misfit(data.force, error, data.noise))
+        yield from warn_of_force_level(data.force, error, data.noise)
 
 
 def warn_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:
