@@ -31,7 +31,8 @@ from tqdm import tqdm
 
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen, quadrature_curve
+from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, quadrature_curve
+from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.law import Law, Term
 from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import BackboneData, backbone_data

@@ -11,7 +11,8 @@ from opid.errors import InputError
 from opid.mechanics.backbones.dissipation import PlacedTerm, find_loss
 from opid.mechanics.backbones.family import family_evaluator
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.backbones.quadrature_curves import Specimen, quadrature_curve
+from opid.mechanics.backbones.quadrature_curves import quadrature_curve
+from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.law import Law, Term
 from opid.studies.study_file import read_study
 from opid.studies.updating_study import tabulate_class

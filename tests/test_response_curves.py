@@ -1,6 +1,7 @@
 """Response curves under a force against closed forms, scipy's integration and the quadrature curve."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ from scipy.integrate import solve_ivp
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.backbones.quadrature_curves import Specimen, quadrature_curve
+from opid.mechanics.backbones.quadrature_curves import begin_curve, quadrature_curve
 from opid.mechanics.backbones.response_curves import response_curve
+from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.law import Law, Term
 
 OMEGA, ZETA, CUBIC, FORCE = 100.0, 0.02, 4e9, 0.6
@@ -163,6 +165,25 @@ def test_a_response_that_cannot_be_is_refused(changes, words):
         respond(cubic_mass(), **changes)
 
 
+@pytest.mark.parametrize("changes", [{"force_n": 2.0}, {"amplitude": 2e-3}, {"force_n": 2.0, "phase_error_rad": 0.7}])
+def test_slopes_of_the_equations_are_their_differences(changes):
+    balance, branch = begin_curve(two_modes(), 1, ("end", "tip"), (1, 2, 3), 0.3)
+    rng, here = np.random.default_rng(0), replace(balance, **changes)
+    x = branch.x * (1 + 0.02 * rng.standard_normal(branch.x.size)) + 0.02 * rng.standard_normal(branch.x.size)
+    small = 1e-6 * np.eye(x.size)
+    differences = np.array([(here.residual(x + each) - here.residual(x - each)) / 2e-6 for each in small]).T
+    np.testing.assert_allclose(here.find_slopes(x), differences, atol=1e-8 * np.abs(differences).max())
+
+
 def test_a_force_at_which_the_curve_is_lost_is_told():
-    with pytest.raises(NotDeterminedError, match=r"'mass' does not reach quadrature within 3% of .* N: give a smaller"):
-        respond(cubic_mass(), 60.0, widest_fraction=0.03)
+    """Where two modes are near each other a sensor between them loses its quadrature, from some force on."""
+    system = JointedModes(
+        (2 * np.pi * np.array([14.0, 15.5])) ** 2, [[0.5, 0.5], [0.9, -0.9]], [[0.8, 0.1]], ("a", "b"), ("link",)
+    )
+    specimen = Specimen(system, Law((Term("cubic_stiffness", (1e8,)),)), 0.01, "a")
+    small = respond(specimen, 1.0, sensor="b", phases=[80.0, 100.0])
+    assert small.reason == ""
+    with pytest.raises(NotDeterminedError, match=r"'b' does not reach quadrature beyond .* of 40 N: give a smaller"):
+        respond(specimen, 40.0, sensor="b")
+    with pytest.raises(NotDeterminedError, match=r"'b' does not reach quadrature within .* take another sensor"):
+        respond(specimen, 1.0, sensor="b", widest_fraction=1e-6)

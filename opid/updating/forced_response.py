@@ -9,8 +9,8 @@ import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
-from opid.mechanics.backbones.quadrature_curves import Specimen
 from opid.mechanics.backbones.response_curves import ResponseCurve, response_curve
+from opid.mechanics.backbones.specimen import Specimen
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, ModeData
 from opid.updating.likelihood.curves import ClassSolver, find_met_modes, make_curves, make_solver
@@ -29,7 +29,7 @@ from opid.updating.settings import UPDATING
 from opid.updating.unmeasured_modes import ResponseSettings, draw_stated_errors, warn_of_extrapolation
 
 # The phases end where other modes begin to move a sensor as far as its own one does.
-_PHASES = np.arange(90 - 10 * UPDATING.phase_step, 91 + 10 * UPDATING.phase_step, UPDATING.phase_step)
+_PHASES = np.arange(UPDATING.phase_step, 180, UPDATING.phase_step)
 
 
 def predict_responses(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -17,18 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from opid.errors import InputError
-from opid.mechanics.backbones.family import laws_of_joints, require_amplitudes
-from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.laws.law import FloatArray, Law
-from opid.mechanics.rig import Shaker
+from opid.mechanics.backbones.family import require_amplitudes
+from opid.mechanics.backbones.specimen import Specimen, solve_linear_start
+from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.structure import ComplexArray
 
 _SAMPLES = 128
-# rate of a joint at which its damping is linear, m/s
-_SLOW = 1e-9
 # number of frequencies among which quadrature of the linear structure is searched
 _N_SCANNED = 6001
-# fraction of the largest extension by which a solution may differ from its prediction
+# fraction of the largest extension, and of the frequency, by which a solution may differ from its prediction
 _FROM_PREDICTION = 0.05
 # smallest step of what is prescribed, as a fraction of it
 _LEAST_STEP = 1 / 64
@@ -37,85 +34,6 @@ HARMONICS = (1, 3, 5, 7)
 """The harmonics that are balanced where none are named."""
 
 _Prescribed = Literal["amplitude", "force_n", "phase_error_rad"]
-
-
-@dataclass(frozen=True, eq=False)
-class Specimen:
-    """A structure with damped modes and nonlinear joints, and a shaker at one of its sensors.
-
-    Args:
-        system: the modes of the structure, as its sensors and joints see them.
-        laws: one law for each joint; a single `Law` counts for all.
-        damping_ratio: (n_modes,) zeta of each mode, or one number for all.
-        drive: name of the sensor at which the force acts.
-        shaker: None for a force that acts directly; otherwise the feedback moves its armature, and the force is that in
-            its stinger. Its amplifier is taken as linear.
-
-    Raises:
-        InputError: counts that do not match, damping that is not positive, an unknown sensor, or a shaker that
-            distorts.
-    """
-
-    system: JointedModes
-    laws: Law | Sequence[Law]
-    damping_ratio: ArrayLike
-    drive: str
-    shaker: Shaker | None = None
-
-    def __post_init__(self) -> None:
-        n_modes = self.system.n_modes
-        damping = np.asarray(self.damping_ratio, dtype=np.float64)
-        if damping.shape not in ((), (n_modes,)) or not ((damping > 0.0) & (damping < 1.0)).all():
-            raise InputError(
-                f"damping_ratio is {self.damping_ratio!r}: give one number between 0 and 1, or {n_modes}, one for each "
-                "mode"
-            )
-        laws_of_joints(self.laws, self.system)
-        self.system.sensor(self.drive)
-        if self.shaker is not None and self.shaker.second_harmonic:
-            raise InputError("the shaker distorts: the feedback takes it as linear, set its second_harmonic to 0")
-
-    @property
-    def joint_laws(self) -> tuple[Law, ...]:
-        """One law for each joint."""
-        return laws_of_joints(self.laws, self.system)
-
-    @cached_property
-    def joints_of_laws(self) -> dict[Law, list[int]]:
-        """The numbers of the joints that have each law, from 0."""
-        return {law: [k for k, own in enumerate(self.joint_laws) if own == law] for law in self.joint_laws}
-
-    @property
-    def zeta(self) -> FloatArray:
-        """(n_modes,) damping ratios."""
-        return np.broadcast_to(np.asarray(self.damping_ratio, dtype=np.float64), (self.system.n_modes,))
-
-    @property
-    def modal_damping(self) -> FloatArray:
-        """(n_modes,) 2 zeta_i omega_i, 1/s."""
-        return 2.0 * self.zeta * np.sqrt(np.maximum(self.system.eigenvalue, 0.0))
-
-    def find_linear_response(self, frequency_hz: ArrayLike) -> ComplexArray:
-        """Return the modal coordinates for a unit force at small motions, (..., n_modes), for frequencies (...)."""
-        omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
-        receptance = 1.0 / (self.system.eigenvalue - omega**2 + 1j * omega * self.modal_damping)
-        slow = np.array([law.force(0.0, _SLOW) / _SLOW for law in self.joint_laws])
-        damped = np.flatnonzero(slow)
-        free = np.asarray(receptance * self.drive_row, dtype=np.complex128)
-        if not damped.size:
-            return free
-        # The dampers of the joints pull back on the motion of the modes without them.
-        psi = self.system.at_joints[damped]
-        between = np.einsum("ji,...i,ki->...jk", psi, receptance, psi)
-        resisting = 1j * omega[..., None] * slow[damped][:, None]
-        pulled = resisting * (free @ psi.T)[..., None]
-        force = np.linalg.solve(np.eye(damped.size) + resisting * between, pulled)
-        return np.asarray(free - receptance * (force[..., 0] @ psi), dtype=np.complex128)
-
-    @property
-    def drive_row(self) -> FloatArray:
-        """(n_modes,) motion of the drive point for a unit of each modal coordinate, kg^-1/2."""
-        return self.system.at_sensors[self.system.sensor(self.drive)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,8 +225,8 @@ def _follow(balance: _Balance, branch: _Branch, name: _Prescribed, value: float)
         step = goal - branch.at
         predicted = branch.x + step * branch.slope
         there = balance.prescribe(name, goal)
-        x = np.asarray(optimize.root(there.residual, predicted, tol=1e-12).x)
-        off = np.abs(x - predicted)[:-2].max() / np.abs(predicted[:-2]).max()
+        x = np.asarray(optimize.root(there.residual, predicted, jac=there.find_slopes, tol=1e-12).x)
+        off = max(np.abs(x - predicted)[:-2].max() / np.abs(predicted[:-2]).max(), abs(x[-2] / predicted[-2] - 1.0))
         # A sensor may have two quadratures close to each other: a solution far from the prediction is the other one.
         if np.abs(there.residual(x)).max() < 1e-8 and off < _FROM_PREDICTION:
             branch, goal = _Branch(goal, x, (x - branch.x) / step), value
@@ -346,25 +264,6 @@ def require_growing_amplitudes(amplitude: ArrayLike) -> FloatArray:
     if (np.diff(wanted) <= 0.0).any():
         raise InputError(f"the amplitudes are {amplitude!r}: give them from small to large, m")
     return wanted
-
-
-def solve_linear_start(specimen: Specimen, mode: int, controlled_sensor: str) -> tuple[FloatArray, float]:
-    """Return the extension of each joint of `specimen` and the force, N, for 1 m at `controlled_sensor`, linearly.
-
-    Raises:
-        InputError: no such mode or sensor, or one of rigid motion, or one without motion there or at the drive point.
-    """
-    system, column = specimen.system, specimen.system.index(mode)
-    row, drive = system.at_sensors[system.sensor(controlled_sensor), column], specimen.drive_row[column]
-    eigenvalue = system.eigenvalue[column]
-    if eigenvalue <= 0.0:
-        raise InputError(f"mode {mode} has {system.frequency_hz[column]:g} Hz: give the number of an elastic mode")
-    largest = np.abs(system.at_sensors[:, column]).max()
-    for name, value in ((controlled_sensor, row), (specimen.drive, drive)):
-        if abs(value) <= 1e-9 * largest:
-            raise InputError(f"the sensor {name!r} does not move in mode {mode}: take another one")
-    force = specimen.modal_damping[column] * np.sqrt(eigenvalue) / abs(row * drive)
-    return system.at_joints[:, column] / abs(row) * np.sign(drive), float(force)
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,25 +306,66 @@ class _Balance:
 
     def motion(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:
         """Return the misfit of the joints (n_harmonics, n_joints) and the sensors (n_harmonics, n_sensors), over A."""
-        z, ratio, stiffness = self.unpack(x)
-        system, specimen = self.specimen.system, self.specimen
-        amplitude = self.find_amplitude(x)
-        omega = 2.0 * np.pi * self.frequency_hz * ratio * np.array(self.numbers)[:, None]
-        held = self._transform_joint_force(amplitude * z, omega[:, 0])
-        modal = -held @ system.at_joints
-        force = stiffness * self.force_n_per_m * amplitude
-        modal[self.numbers.index(1)] += force * specimen.drive_row
-        q = modal / (system.eigenvalue - omega**2 + 1j * omega * specimen.modal_damping) / amplitude
+        z, _, stiffness = self.unpack(x)
+        system, q = self.specimen.system, self._find_coordinates(x)
+        force = stiffness * self.force_n_per_m * self.find_amplitude(x)
         return z - q @ system.at_joints.T, q @ system.at_sensors.T, force
 
-    def _transform_joint_force(self, z: ComplexArray, omega: FloatArray) -> ComplexArray:
-        """Return harmonics of the joints' forces, (n_harmonics, n_joints), by sampling one period."""
-        wave, weight = _make_waves(self.numbers)
-        extension, rate = (wave @ z).real, (wave @ (1j * omega[:, None] * z)).real
-        force = np.empty_like(extension)
+    def _find_coordinates(self, x: FloatArray) -> ComplexArray:
+        """Return the modal coordinates over A, (n_harmonics, n_modes)."""
+        held = self._find_joint_motion(x)
+        force = np.empty_like(held[0])
         for law, joints in self.specimen.joints_of_laws.items():
-            force[:, joints] = law.force(extension[:, joints], rate[:, joints])
-        return np.asarray(weight @ force, dtype=np.complex128)
+            force[:, joints] = law.force(held[0][:, joints], held[1][:, joints])
+        modal = -(_make_waves(self.numbers)[1] @ force) @ self.specimen.system.at_joints / self.find_amplitude(x)
+        modal[self.numbers.index(1)] += float(x[-1]) * self.force_n_per_m * self.specimen.drive_row
+        return np.asarray(modal / self._find_stiffness(x), dtype=np.complex128)
+
+    def _find_joint_motion(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the extensions of the joints, m, and their rates, m/s, over a period, (n_samples, n_joints) each."""
+        z, wave = self.find_amplitude(x) * self.unpack(x)[0], _make_waves(self.numbers)[0]
+        return (wave @ z).real, (wave @ (1j * self._find_omega(x) * z)).real
+
+    def _find_omega(self, x: FloatArray) -> FloatArray:
+        return 2.0 * np.pi * self.frequency_hz * float(x[-2]) * np.array(self.numbers)[:, None]
+
+    def _find_stiffness(self, x: FloatArray) -> ComplexArray:
+        """Return the dynamic stiffness of the modes, (n_harmonics, n_modes), 1/s^2."""
+        omega = self._find_omega(x)
+        return np.asarray(self.specimen.system.eigenvalue - omega**2 + 1j * omega * self.specimen.modal_damping)
+
+    def find_slopes(self, x: FloatArray) -> FloatArray:
+        """Return the derivatives of `residual` by each unknown, (n_unknowns, n_unknowns), with those in the columns."""
+        (z, ratio, stiffness), q, system = self.unpack(x), self._find_coordinates(x), self.specimen.system
+        (wave, weight), amplitude, omega = _make_waves(self.numbers), self.find_amplitude(x), self._find_omega(x)
+        held, dynamic, first = self._find_joint_motion(x), self._find_stiffness(x), self.numbers.index(1)
+        by_extension, by_rate = np.empty((2, *held[0].shape))
+        for law, joints in self.specimen.joints_of_laws.items():
+            by_extension[:, joints], by_rate[:, joints] = law.gradient(held[0][:, joints], held[1][:, joints])
+        # The first axis of what follows has an entry for each unknown.
+        parts = np.eye(x.size)[:, :-2].reshape(-1, 2, *z.shape)
+        by_z = parts[:, 0] + 1j * parts[:, 1]
+        moved = amplitude * by_z
+        if self.force_n is not None:
+            moved[-1] = -amplitude / stiffness * z
+        turned = 1j * omega * moved
+        turned[-2] = 1j * omega / ratio * amplitude * z
+        force = weight @ (by_extension * (wave @ moved).real + by_rate * (wave @ turned).real)
+        by_modal = -force @ system.at_joints / amplitude
+        by_modal[-2] -= q * (-2.0 * omega + 1j * self.specimen.modal_damping) * omega / ratio
+        if self.force_n is None:
+            by_modal[-1, first] += self.force_n_per_m * self.specimen.drive_row
+        else:
+            by_modal[-1] += q * dynamic / stiffness
+        by_q = by_modal / dynamic
+        misfit = (by_z - by_q @ system.at_joints.T).reshape(x.size, -1)
+        shapes = system.at_sensors[[*self.columns]]
+        phased, controlled = shapes @ q[first]
+        by_phased, by_controlled = shapes @ by_q[:, first].T
+        turn = np.exp(-1j * self.phase_error_rad)
+        grown = (by_controlled * np.conj(controlled)).real / np.abs(controlled)
+        across = (by_phased * turn).real - (phased * turn).real * (by_phased / phased).real
+        return np.vstack([misfit.real.T, misfit.imag.T, grown, across / np.abs(phased)])
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Return the (n_unknowns,) values of the equations, all zero at the phase and the amplitude or force."""

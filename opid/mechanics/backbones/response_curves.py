@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.backbones.quadrature_curves import HARMONICS, ContinuationLevel, Specimen, begin_curve, sweep
+from opid.mechanics.backbones.quadrature_curves import HARMONICS, ContinuationLevel, begin_curve, sweep
+from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.structure import ComplexArray
 
-# the force grows in this many steps, in each of which the frequency moves little
-_N_RISING = 10
+# the force grows in this many steps, so that each begins near its solution
+_N_RISING = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +101,7 @@ def response_curve(
         phases: (n,) growing angles by which the sensor lags the force, degrees, between 0 and 180 and with some on both
             sides of 90; the curve has the quadrature, too.
         harmonics: harmonics that are balanced, 1 among them; 0 and the even ones, too, where a law is not odd.
-        widest_fraction: fraction by which the frequency may move in each of ten steps of the force.
+        widest_fraction: fraction of the linear frequency within which the linear quadrature lies.
 
     Raises:
         InputError: no such mode or sensor, a force that is not positive, phases that do not grow between 0 and 180 or
@@ -116,7 +117,7 @@ def response_curve(
         raise NotDeterminedError(f"mode {mode}: {balance.say_miss(1.0, widest_fraction)}, without a force: "
                                  "take another sensor or drive point")  # fmt: skip
     rising = np.linspace(0.0, force_n, _N_RISING + 1)[1:]
-    levels, branch = sweep(replace(balance, force_n=0.0), branch, "force_n", rising, widest_fraction)
+    levels, branch = sweep(replace(balance, force_n=0.0), branch, "force_n", rising, np.inf)
     if levels[-1].reason:
         raise NotDeterminedError(f"mode {mode}: {levels[-1].reason}, at {abs(levels[-1].force[0]):.3g} of {force_n:g} "
                                  "N: give a smaller force, or take another sensor or drive point")  # fmt: skip
