@@ -7,10 +7,11 @@ its first bending mode and 5 of its second, class 2 with theta = 1.58: "large" e
 of 0.4 % is one of each modal frequency ("mode") or of both moduli, 0.8 % each ("moduli"). In rows "pylons" one pylon is
 cubic and the other quadratic. Rows "coverage study" run both phases from nominal moduli; the other ones of coverage
 take the structure with its linear error as it is. Row "damping" has curves of damped pylons under a force, whose modes
-have damping ratios that are known within 3 %. Rows "every sensor" predict motions, and mode 10, of which no curve is
-made; "wrong law" fits class 1, and in "wrong structure" the linear error is 2 % where 0.4 % are stated. Rows "joint"
-update both moduli together with two coefficients of each pylon by the no-U-turn sampler, in one core; "joint evidence"
-compares the evidence with nested sampling (`pip install dynesty`).
+have damping ratios that are known within 3 %; rows "forced" predict the response to 1.3 times the largest force of
+these curves, with the class that has both dampers, and with one that lacks the quadratic damper. Rows "every sensor"
+predict motions, and mode 10, of which no curve is made; "wrong law" fits class 1, and in "wrong structure" the linear
+error is 2 % where 0.4 % are stated. Rows "joint" update both moduli together with two coefficients of each pylon by the
+no-U-turn sampler, in one core; "joint evidence" compares the evidence with nested sampling (`pip install dynesty`).
 """
 
 import argparse
@@ -32,6 +33,7 @@ from tqdm import tqdm
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, quadrature_curve
+from opid.mechanics.backbones.response_curves import response_curve
 from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.law import Law, Term
 from opid.updating.identification import update_study
@@ -46,7 +48,7 @@ from opid.updating.settings import UPDATING
 from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
-from opid.updating.unmeasured_modes import PredictionSettings, predict_unmeasured
+from opid.updating.unmeasured_modes import PredictionSettings, ResponseSettings, predict_unmeasured
 from opid.virtual.backbone_tests.measured import (
     AMPLITUDE_M,
     BENDING_MODES,
@@ -61,6 +63,7 @@ CLASSES, TRUTH, THETA = PAPER_CLASSES, PAPER_CLASSES[1], 1.58
 UNUSED = 10  # a mode in which the pylons bend, and of which no curve is made
 PYLONS = (1.58, 1.2)  # theta of a cubic and of a quadratic pylon
 DAMPERS, RATIO, DRIVE = (0.1, 0.5), 0.001, "5"  # N s/m, N s^2/m^2; of the modes; where the force acts
+BEYOND = 1.3  # force of a predicted response over the largest of the tests
 ERRORS = {
     "large": {"offset_fraction": 0.0035, "point_noise": 0.001},
     "small": {},
@@ -265,15 +268,19 @@ def bands(seed: int, form: str, errors: str) -> Figures:
     return figures | {f"points of curves left out, mode {band.mode}": band.left_out for band in both}
 
 
+def damped_specimen() -> Specimen:
+    """The damped pylons with a force at sensor 5."""
+    (cubic,) = TRUTH.law("", (THETA,)).terms
+    law = Law((cubic, Term("signed_power_damping", (DAMPERS[0], 1.0)), Term("quadratic_damping", (DAMPERS[1],))))
+    return Specimen(system(), law, RATIO, DRIVE)
+
+
 @cache
 def damped_curves() -> tuple[MeasuredCurve, ...]:
     """Curves of damped pylons under a force at sensor 5 by harmonic balance, those that reach quadrature everywhere."""
-    (cubic,) = TRUTH.law("", (THETA,)).terms
-    law = Law((cubic, Term("signed_power_damping", (DAMPERS[0], 1.0)), Term("quadratic_damping", (DAMPERS[1],))))
-    specimen = Specimen(system(), law, RATIO, DRIVE)
     curves = [
         quadrature_curve(
-            specimen, mode=mode, sensor=sensor, controlled_sensor=CONTROLLED,
+            damped_specimen(), mode=mode, sensor=sensor, controlled_sensor=CONTROLLED,
             amplitude=np.linspace(least, most, 20), harmonics=(1, 3),
         )
         for mode, (least, most) in zip(BENDING_MODES, AMPLITUDE_M, strict=True)
@@ -282,8 +289,11 @@ def damped_curves() -> tuple[MeasuredCurve, ...]:
     return tuple(curve for curve in curves if len(curve.levels) == 20 and curve.converged.all())
 
 
-def damped_backbones(rng: np.random.Generator) -> tuple[MeasuredBackbone, ...]:
-    """These curves with errors: 2 % of calibration, 0.5 % of each force, 0.4 % of each linear frequency, shapes."""
+def damped_backbones(rng: np.random.Generator) -> tuple[tuple[MeasuredBackbone, ...], dict[int, float]]:
+    """These curves with errors: 2 % of calibration, 0.5 % of each force, 0.4 % of each linear frequency, shapes.
+
+    With the error of lambda of each mode, 1/s^2.
+    """
     gain, found = 1 + 0.02 * rng.standard_normal(), []
     # an error of the modal eigenvalue, which does not grow along the backbone
     shift = {mode: 0.008 * rng.standard_normal() * system().eigenvalue[mode - 1] for mode in BENDING_MODES}
@@ -297,22 +307,28 @@ def damped_backbones(rng: np.random.Generator) -> tuple[MeasuredBackbone, ...]:
         hz = np.sqrt(true.eigenvalue + shift[true.mode]) / (2 * np.pi) * (1 + 1e-4 * rng.standard_normal(n))
         force = gain * true.force_n * (1 + 0.005 * rng.standard_normal(n))
         found.append(replace(true, frequency_hz=hz, amplitude=shapes, force_n=force))
-    return tuple(found)
+    return tuple(found), shift
 
 
-def damping(seed: int) -> Figures:
-    """Linear and quadratic dampers beside the cubic spring; three classes, two of which lack one of the dampers."""
+def damped_study(seed: int, names: tuple[str, ...]) -> tuple[UpdatingStudy, dict[int, float], np.random.Generator]:
+    """A study of these curves with classes of linear and quadratic dampers, the error of lambda, and more chance."""
     rng = np.random.default_rng(seed)
     linear = UncertainTerm("signed_power_damping", (DAMPERS[0], 1.0), (Prior(), None))
     quadratic = UncertainTerm("quadratic_damping", (DAMPERS[1],), (Prior(),))
     sets = {"both": (linear, quadratic), "linear": (linear,), "quadratic": (quadratic,)}
     known = {mode: RATIO * np.exp(0.03 * rng.standard_normal()) for mode in BENDING_MODES}
+    measured, shift = damped_backbones(rng)
     study = UpdatingStudy(
-        title="damping", structure=system(), backbones=damped_backbones(rng), seed=seed,
-        classes=tuple(ModelClass(name, (*TRUTH.terms, *dampers)) for name, dampers in sets.items()),
+        title="damping", structure=system(), backbones=measured, seed=seed,
+        classes=tuple(ModelClass(name, (*TRUTH.terms, *sets[name])) for name in names),
         damping={mode: Prior("lognormal", ratio, 0.03) for mode, ratio in known.items()},
     )  # fmt: skip
-    found = update_study(study)
+    return study, shift, rng
+
+
+def damping(seed: int) -> Figures:
+    """Linear and quadratic dampers beside the cubic spring; three classes, two of which lack one of the dampers."""
+    found = update_study(damped_study(seed, ("both", "linear", "quadratic"))[0])
     figures = {"both dampers chosen": float(found.best_class == "both")}
     true = (THETA, 1.0, 1.0, RATIO, RATIO)
     for each, (parameter, estimate), value in zip(
@@ -323,6 +339,32 @@ def damping(seed: int) -> Figures:
         figures[f"95 % interval of the {each} holds"] = float(estimate.holds(own))
         figures[f"error of the {each}, %"] = 100 * (estimate.value / own - 1)
         figures[f"standard deviation of the {each}, %"] = 100 * estimate.std / own
+    return figures
+
+
+def forced(seed: int, name: str) -> Figures:
+    """The response at the controlled sensor to 1.3 times the largest force of the tests, read in another test."""
+    study, shift, rng = damped_study(seed, (name,))
+    largest = {mode: max(one.force_n.max() for one in study.backbones if one.mode == mode) for mode in BENDING_MODES}
+    asked = tuple(
+        ResponseSettings(mode=mode, drive=DRIVE, sensor=CONTROLLED, force_n=(BEYOND * force,))
+        for mode, force in largest.items()
+    )
+    found = update_study(replace(study, n_samples=2200, prediction=PredictionSettings(responses=asked)))
+    figures = {}
+    for each in found.responses:
+        force_n = each.force_n * (1 + 0.02 * rng.standard_normal())
+        curve = response_curve(damped_specimen(), mode=each.mode, sensor=CONTROLLED, force_n=force_n, harmonics=(1, 3))
+        hz, amplitude = curve.resonance
+        hz = np.sqrt(hz**2 + shift[each.mode] / (4 * np.pi**2))
+        for what, true, estimate in (("frequency", hz, each.peak_hz), ("amplitude", amplitude, each.peak_amplitude)):
+            of = f"{what} of mode {each.mode}"
+            figures[f"95 % interval of the {of} is given"] = float(estimate.interval95 is not None)
+            figures[f"error of the {of}, %"] = 100 * (estimate.value / true - 1)
+            if estimate.interval95 is not None:
+                figures[f"95 % interval of the {of} holds"] = float(estimate.holds(true))
+                figures[f"standard deviation of the {of}, %"] = 100 * estimate.std / true
+        figures[f"mode {each.mode} is told to be extrapolated"] = float(each.is_extrapolated)
     return figures
 
 
@@ -408,6 +450,7 @@ ROWS: dict[str, Row] = {
     "joint evidence": (joint_evidence, ("small", "mode"), 3),
     **{f"bands {form} {errors}": (bands, (form, errors), 30) for form in FORMS[:2] for errors in ERRORS},
     "damping": (damping, (), 60),
+    **{f"forced {name}": (forced, (name,), 20) for name in ("both", "linear")},
     **{f"every sensor {errors}": (every_sensor, (errors,), 30) for errors in ERRORS},
     **{f"every sensor wrong {fault}": (every_sensor, ("small", fault), 10) for fault in ("law", "structure")},
     **{f"evidence {form} large": (evidence, (form, "large"), 10) for form in FORMS[:2]},
@@ -425,8 +468,8 @@ def one(job: tuple[str, int]) -> tuple[str, Figures | str]:
 
 
 def lines(name: str, found: list[Figures]) -> Iterator[str]:
-    for key in found[0]:
-        values = np.array([each[key] for each in found if np.isfinite(each[key])])  # a set may lack a figure
+    for key in dict.fromkeys(key for each in found for key in each):
+        values = np.array([each[key] for each in found if np.isfinite(each.get(key, np.nan))])  # a set may lack one
         if not values.size:
             continue
         spread = f"{np.mean(values):.4g}", f"{np.std(values):.3g}", f"{values.min():.4g}", f"{values.max():.4g}"

@@ -1,4 +1,4 @@
-"""What a report says of the prediction of an updating: coverage, motion of every sensor, modes without curves."""
+"""What a report says of the prediction of an updating: coverage, every sensor, modes without curves, forces."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator
 
 from opid import plots
-from opid.estimate import format_number
+from opid.estimate import Estimate, format_number, rounded
 from opid.report.document import Figure, Row, Table, build_columns
+from opid.report.estimates import format_estimate
 from opid.updating.result import SensorBand, Updating
 
 _MOTIONS = "Motion of every sensor"  # title of the part of the page that a reader opens
@@ -88,6 +89,37 @@ def tabulate_unmeasured(result: Updating) -> Table:
     )
 
 
+def tabulate_responses(result: Updating) -> Table:
+    """Return the resonance of each response to a force: frequency and amplitude with their intervals."""
+    rows = []
+    for each in result.responses:
+        force = f"{format_number(each.force_n, 4)} at {each.drive}{' (extrapolated)' if each.is_extrapolated else ''}"
+        cells = [
+            cell
+            for estimate, factor in ((each.peak_hz, 1.0), (each.peak_amplitude, 1e3))
+            for cell in _format_interval(estimate, factor)
+        ]
+        rows.append((str(each.mode), force, each.sensor, *cells))
+    return Table(
+        build_columns("mode", "force, N", "sensor", "resonance, Hz", "95 % interval", "amplitude, mm", "95 % interval"),
+        tuple(rows),
+        "Response to a force",
+        note="Largest motion that a shaker with this force makes near the mode, by the best class, and its frequency. "
+        "The intervals hold the laws and the damping, the error of the linear structure, and the calibration of the "
+        "force. Where the force is extrapolated a joint moves farther than in the tests, and the laws are not tested "
+        "there.",
+    )
+
+
+def _format_interval(estimate: Estimate, factor: float) -> tuple[str, str]:
+    """Return a value and its interval, times a factor; a dash where there is none."""
+    value, std = format_estimate(estimate, factor)[0], estimate.std
+    if estimate.interval95 is None:
+        return value, "-"
+    low, high = (rounded(factor * end, None if std is None else factor * std) for end in estimate.interval95)
+    return value, f"{low} to {high}"
+
+
 def list_predicted_figures(result: Updating) -> Iterator[Figure]:
     """Yield the figures of the prediction: the backbone of each mode, then the motions, which a reader opens."""
     predicted = sorted({band.mode for band in result.prediction if not band.is_measured})
@@ -101,6 +133,15 @@ def list_predicted_figures(result: Updating) -> Iterator[Figure]:
             if mode == predicted[0]
             else "",
             lambda mode=mode: plots.predicted_backbones(result.prediction, (), mode),  # type: ignore[misc]
+        )
+    if result.responses:
+        yield Figure(
+            "forced_responses",
+            "Response to a force",
+            "Amplitude over the frequency when a shaker moves the structure, by the best class: the median over the "
+            "phase, some draws of the parameters, and the resonance with its 95 % intervals. Where a curve turns back "
+            "over the frequency, the motion jumps.",
+            lambda: plots.forced_responses(result.responses),
         )
     moved = [band for band in result.prediction if band.sensors]
     for number, band in enumerate(moved):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +39,7 @@ def predict_responses(
     wanted: Sequence[ResponseSettings],
     measured: Sequence[MeasuredBackbone],
     *,
-    doubts: str,
+    unfit: Collection[int],
     rng: np.random.Generator,
 ) -> tuple[tuple[ForcedResponse, ...], list[str]]:
     """Return responses to a force, and a sentence for each that is extrapolated, has no interval, or is none.
@@ -55,7 +55,8 @@ def predict_responses(
         theta: (n, n_parameters) draws of its parameters.
         wanted: the responses.
         measured: the backbones that were measured, which tell how far the tests reached.
-        doubts: why the class has no intervals, "" if its laws fit the tests.
+        unfit: numbers of the measured modes that the class does not fit; their responses have no intervals, and those
+            of modes without curves have none if there is any.
         rng: source of chance.
     """
     extended = max(reached_extensions(data.system, measured).values(), default=0.0)
@@ -64,7 +65,8 @@ def predict_responses(
     for one in wanted:
         for force_n in one.force_n:
             shaken = _Shaken(data, model_class, one, force_n)
-            response, told = _predict_response(shaken, theta, extended, doubts, rng)
+            is_unfit = bool(unfit) if shaken.curves is None else one.mode in unfit
+            response, told = _predict_response(shaken, theta, extended, is_unfit, rng)
             found += [response] if response is not None else []
             sentences += told
     return tuple(found), sentences
@@ -118,7 +120,7 @@ class _Shaken:
 
 
 def _predict_response(
-    shaken: _Shaken, theta: FloatArray, extended: float, doubts: str, rng: np.random.Generator
+    shaken: _Shaken, theta: FloatArray, extended: float, is_unfit: bool, rng: np.random.Generator
 ) -> tuple[ForcedResponse | None, list[str]]:
     """Return a response, or None, and the sentences about it; joints extended by `extended`, m, in the tests."""
     noise, system, wanted = shaken.data.noise, shaken.data.system, shaken.wanted
@@ -150,7 +152,7 @@ def _predict_response(
     hz, peaks[0] = (to_hz((2 * np.pi * each) ** 2 + own) for each, own in ((hz, errors[:, None]), (peaks[0], errors)))
     seen = moved[:, system.sensor(wanted.seen_at)]
     amplitude, peaks[1] = amplitude * seen[:, None], peaks[1] * seen
-    told = list(_warn(shaken, peaks, doubts))
+    told = list(_warn(shaken, peaks, is_unfit))
     extension = system.extension_over(wanted.mode, shaken.controlled) * held
     beyond = list(warn_of_extrapolation(shaken.words, extension, extended))
     peak_hz, peak_amplitude = (_estimate(each, has_interval=not told) for each in peaks)
@@ -179,12 +181,13 @@ def _draw_errors(
         at_nodes = make_curves(data, mode, shaken.model_class)(theta)
         errors = draw_frequency_errors(data, mode, at_nodes, found.eigenvalue, growth, rng)
         relative = draw_relative_motions(data, mode, found, growth, at_nodes, rng)
-    shapes = found.shapes[:, -1]
-    controlled = data.system.sensor(shaken.controlled)
-    return errors[:, -1], np.abs(relative[:, -1] * shapes[:, [controlled]] / shapes)
+    shapes, controlled = found.shapes[:, -1], data.system.sensor(shaken.controlled)
+    moved = np.abs(relative[:, -1] * shapes[:, [controlled]] / shapes)
+    moved[:, controlled] = 1.0  # Its amplitude is what the motions are related to.
+    return errors[:, -1], moved
 
 
-def _warn(shaken: _Shaken, peaks: FloatArray, doubts: str) -> Iterator[str]:
+def _warn(shaken: _Shaken, peaks: FloatArray, is_unfit: bool) -> Iterator[str]:
     """Yield why the peaks, (2, n_draws), have no interval."""
     lost = float(np.isnan(peaks[0]).mean())
     if lost > UPDATING.most_lost:
@@ -192,8 +195,11 @@ def _warn(shaken: _Shaken, peaks: FloatArray, doubts: str) -> Iterator[str]:
             f"{shaken.words}: {100 * lost:.0f} % of the draws have no resonance, and the response has no interval: "
             "give less force"
         )
-    if doubts:
-        yield f"{shaken.words}: the response has no interval, for {doubts}"
+    if is_unfit:
+        yield (
+            f"{shaken.words}: the response has no interval, for the laws of {shaken.model_class.name!r} do not fit the "
+            "tests: try another class"
+        )
 
 
 def _estimate(values: FloatArray, *, has_interval: bool) -> Estimate:

@@ -35,7 +35,7 @@ from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 from opid.updating.unmeasured_modes import predict_unmeasured, unseen_faults
-from opid.updating.warnings import warn_of_choice, warn_of_classes, warn_of_laws, warn_of_linear_choice
+from opid.updating.warnings import find_unfit_modes, warn_of_choice, warn_of_classes, warn_of_linear_choice
 
 logger = logging.getLogger(__name__)
 
@@ -305,14 +305,13 @@ def _predict_responses(
         return found, warnings
     rng, model_class = np.random.default_rng([study.seed, 7]), best.model_class
     widened = with_modal_errors(data, model_class, best.best)
-    does_not_fit = any(warn_of_laws(widened, model_class, best.best))
-    doubts = f"the laws of {model_class.name!r} do not fit the tests: try another class" if does_not_fit else ""
+    unfit = find_unfit_modes(widened, model_class, best.best)
     for own in filter(None, asked):
         theta = best.samples[rng.integers(len(best.samples), size=n)]
         drawn = (widened, model_class, theta)
         if own is asked[1]:
             drawn = _draw_with_factors(study, data, best, linear, n, rng)
-        responses, told = predict_responses(*drawn, own, study.backbones, doubts=doubts, rng=rng)
+        responses, told = predict_responses(*drawn, own, study.backbones, unfit=unfit, rng=rng)
         found, warnings = (*found, *responses), [*warnings, *told]
     return found, warnings
 
