@@ -173,8 +173,8 @@ def small_responses():
             peaks = tuple(each.without_interval() for each in peaks)
         found.append(
             ForcedResponse(
-                1, CONTROLLED, CONTROLLED, force_n, phase, hz, amplitude, hz + 0 * drawn, drawn * amplitude, *peaks,
-                is_extrapolated=not has_interval,
+                1, CONTROLLED, CONTROLLED, force_n, phase, hz, amplitude, tuple(hz + 0 * drawn),
+                tuple(drawn * amplitude), *peaks, is_extrapolated=not has_interval,
             )
         )  # fmt: skip
     return tuple(found)

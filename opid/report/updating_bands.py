@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 
 from opid import plots
-from opid.estimate import Estimate, format_number, rounded
+from opid.estimate import format_number
 from opid.report.document import Figure, Row, Table, build_columns
-from opid.report.estimates import format_estimate
+from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.updating.result import SensorBand, Updating
 
 _MOTIONS = "Motion of every sensor"  # title of the part of the page that a reader opens
@@ -91,33 +91,19 @@ def tabulate_unmeasured(result: Updating) -> Table:
 
 def tabulate_responses(result: Updating) -> Table:
     """Return the resonance of each response to a force: frequency and amplitude with their intervals."""
-    rows = []
+    rows: list[Row] = []
     for each in result.responses:
-        force = f"{format_number(each.force_n, 4)} at {each.drive}{' (extrapolated)' if each.is_extrapolated else ''}"
-        cells = [
-            cell
-            for estimate, factor in ((each.peak_hz, 1.0), (each.peak_amplitude, 1e3))
-            for cell in _format_interval(estimate, factor)
-        ]
-        rows.append((str(each.mode), force, each.sensor, *cells))
-    return Table(
-        build_columns("mode", "force, N", "sensor", "resonance, Hz", "95 % interval", "amplitude, mm", "95 % interval"),
-        tuple(rows),
-        "Response to a force",
-        note="Largest motion that a shaker with this force makes near the mode, by the best class, and its frequency. "
-        "The intervals hold the laws and the damping, the error of the linear structure, and the calibration of the "
-        "force. Where the force is extrapolated a joint moves farther than in the tests, and the laws are not tested "
-        "there.",
+        beyond = "; a joint moves farther than in the tests" if each.is_extrapolated else ""
+        rows.append((f"{each.words}{beyond}",))
+        rows.append(build_estimate_row("resonance", "Hz", each.peak_hz))
+        rows.append(build_estimate_row("amplitude there", "m", each.peak_amplitude))
+    return tabulate_estimates(
+        rows,
+        title="Response to a force",
+        legend="The largest motion that a shaker with this force makes near the mode, by the best class. The intervals "
+        "hold the laws and the damping, the error of the linear structure, and the calibration of the force. Where a "
+        "joint moves farther than in the tests, the laws are extrapolated.",
     )
-
-
-def _format_interval(estimate: Estimate, factor: float) -> tuple[str, str]:
-    """Return a value and its interval, times a factor; a dash where there is none."""
-    value, std = format_estimate(estimate, factor)[0], estimate.std
-    if estimate.interval95 is None:
-        return value, "-"
-    low, high = (rounded(factor * end, None if std is None else factor * std) for end in estimate.interval95)
-    return value, f"{low} to {high}"
 
 
 def list_predicted_figures(result: Updating) -> Iterator[Figure]:

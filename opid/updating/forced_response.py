@@ -159,7 +159,7 @@ def _predict_response(
     drawn = np.flatnonzero(np.isfinite(peaks[0]))[: UPDATING.n_drawn]
     response = ForcedResponse(
         wanted.mode, wanted.drive, wanted.seen_at, shaken.force_n, _PHASES.astype(np.float64), find_band(hz)[1],
-        find_band(amplitude)[1], hz[drawn], amplitude[drawn], peak_hz, peak_amplitude, bool(beyond),
+        find_band(amplitude)[1], tuple(hz[drawn]), tuple(amplitude[drawn]), peak_hz, peak_amplitude, bool(beyond),
     )  # fmt: skip
     return response, [*told, *beyond]
 
@@ -169,7 +169,7 @@ def _draw_errors(
 ) -> tuple[FloatArray, FloatArray]:
     """Draw errors of lambda, 1/s^2, (n,), and of the motion of each sensor, as factors, (n, n_sensors).
 
-    They are those at the end of a further curve up to the amplitude `held` of the controlled sensor, m.
+    They are those at the end of a further curve, without noise, up to the amplitude `held` of the controlled sensor, m.
     """
     data, mode = shaken.data, shaken.curves
     amplitude = np.linspace(UPDATING.least_amplitude * held, held, N_AMPLITUDES)
@@ -179,8 +179,8 @@ def _draw_errors(
     else:
         growth = fill_gaps(found.eigenvalue, mode.linear) / mode.linear - 1
         at_nodes = make_curves(data, mode, shaken.model_class)(theta)
-        errors = draw_frequency_errors(data, mode, at_nodes, found.eigenvalue, growth, rng)
-        relative = draw_relative_motions(data, mode, found, growth, at_nodes, rng)
+        errors = draw_frequency_errors(data, mode, at_nodes, found.eigenvalue, growth, rng, has_noise=False)
+        relative = draw_relative_motions(data, mode, found, growth, at_nodes, rng, has_noise=False)
     shapes, controlled = found.shapes[:, -1], data.system.sensor(shaken.controlled)
     moved = np.abs(relative[:, -1] * shapes[:, [controlled]] / shapes)
     moved[:, controlled] = 1.0  # Its amplitude is what the motions are related to.

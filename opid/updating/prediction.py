@@ -89,11 +89,16 @@ def draw_frequency_errors(
     eigenvalue: FloatArray,
     growth: FloatArray,
     rng: np.random.Generator,
+    *,
+    has_noise: bool = True,
 ) -> FloatArray:
-    """Draw errors of lambda for a further curve, (n, N_AMPLITUDES); nan without a curve of the model."""
+    """Draw errors of lambda for a further curve, (n, N_AMPLITUDES); nan without a curve of the model.
+
+    In the recommended form the points of that curve may have no noise.
+    """
     if mode.frequency_noise is not None and at_nodes is not None:
         model, lost = at_nodes[0][..., None] / mode.linear, at_nodes[3]
-        errors = mode.linear * draw_errors(mode.frequency_noise, model, growth, rng)[..., 0]
+        errors = mode.linear * draw_errors(mode.frequency_noise, model, growth, rng, has_noise=has_noise)[..., 0]
         return np.where(lost[:, None], np.nan, errors)
     first = np.unique(mode.curve, return_index=True)[1]
     r_m = float(np.mean(mode.linear - mode.eigenvalue[first]))
@@ -192,11 +197,13 @@ def draw_relative_motions(
     growth: FloatArray,
     at_nodes: Curves,
     rng: np.random.Generator,
+    *,
+    has_noise: bool = True,
 ) -> FloatArray:
     """Draw the motions of a further curve over that of the controlled sensor, (n, n_points, n_sensors).
 
-    They are nan without a curve of the model. A sensor that the curves lack has the motion itself with its stated
-    error.
+    The points of that curve may have no noise. The motions are nan without a curve of the model. A sensor that the
+    curves lack has the motion itself with its stated error.
     """
     assert mode.errors is not None  # The recommended form has noise models.
     motions, controlled = _find_motions(data, mode), data.system.sensor(found.sensor)
@@ -204,7 +211,7 @@ def draw_relative_motions(
     if motions is not None:
         noise = shape_noise_of(mode, motions.relate(mode.shapes), data.noise, mode.errors)
         rows = mode.rows[motions.others]
-        errors = draw_errors(noise, motions.relate(at_nodes[1]), growth, rng)
+        errors = draw_errors(noise, motions.relate(at_nodes[1]), growth, rng, has_noise=has_noise)
         relative[..., rows] = found.shapes[..., rows] / found.shapes[..., [controlled]] + motions.unit * errors
     relative[at_nodes[3]] = np.nan
     return relative

@@ -272,8 +272,8 @@ class ForcedResponse:
         phase_deg: (n,) angles by which the sensor lags the force, degrees.
         frequency_hz: (n,) median of the frequency at each of them, Hz; nan where most draws do not reach it.
         amplitude: (n,) median of the first harmonic of the sensor, m.
-        drawn_hz: (n_draws, n) frequencies of a few draws, Hz.
-        drawn_amplitude: (n_draws, n) their amplitudes, m.
+        drawn_hz: frequencies of a few draws, (n,) each, Hz.
+        drawn_amplitude: their amplitudes, (n,) each, m.
         peak_hz: frequency at resonance, where the amplitude is largest, Hz; without an interval where laws or draws do
             not support one.
         peak_amplitude: that amplitude, m.
@@ -287,8 +287,8 @@ class ForcedResponse:
     phase_deg: FloatArray
     frequency_hz: FloatArray
     amplitude: FloatArray
-    drawn_hz: FloatArray
-    drawn_amplitude: FloatArray
+    drawn_hz: tuple[FloatArray, ...]
+    drawn_amplitude: tuple[FloatArray, ...]
     peak_hz: Estimate
     peak_amplitude: Estimate
     is_extrapolated: bool
