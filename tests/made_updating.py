@@ -197,7 +197,6 @@ def small_updating(**changes):
         "warnings": ("the backbones of mode 1 differ by 0.4 % in frequency",),
         "not_determined": "",
         "settings": {"study": "study.toml", "sampler": "adaptive", "samples": 5000, "seed": 1},
-        "responses": small_responses(),
     }
     return Updating(**{**content, **changes})
 
