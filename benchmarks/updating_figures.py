@@ -351,7 +351,10 @@ def forced(seed: int, name: str) -> Figures:
         for mode, force in largest.items()
     )
     found = update_study(replace(study, n_samples=2200, prediction=PredictionSettings(responses=asked)))
-    figures = {}
+    figures = {
+        f"the response of mode {mode} is given": float(any(each.mode == mode for each in found.responses))
+        for mode in BENDING_MODES
+    }
     for each in found.responses:
         force_n = each.force_n * (1 + 0.02 * rng.standard_normal())
         curve = response_curve(damped_specimen(), mode=each.mode, sensor=CONTROLLED, force_n=force_n, harmonics=(1, 3))
