@@ -24,7 +24,8 @@ import numpy as np
 from jinja2 import Environment
 
 from opid import plots
-from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen
+from opid.mechanics.backbones.quadrature_curves import MeasuredCurve
+from opid.mechanics.backbones.specimen import Specimen
 from opid.plots.style import VERMILION
 from opid.signals.files import write_together
 from opid.studies.updating_study import FACTOR_PRIOR

@@ -7,14 +7,16 @@ its first bending mode and 5 of its second, class 2 with theta = 1.58: "large" e
 of 0.4 % is one of each modal frequency ("mode") or of both moduli, 0.8 % each ("moduli"). In rows "pylons" one pylon is
 cubic and the other quadratic. Rows "coverage study" run both phases from nominal moduli; the other ones of coverage
 take the structure with its linear error as it is. Row "damping" has curves of damped pylons under a force, whose modes
-have damping ratios that are known within 3 %. Rows "every sensor" predict motions, and mode 10, of which no curve is
-made; "wrong law" fits class 1, and in "wrong structure" the linear error is 2 % where 0.4 % are stated. Rows "joint"
-update both moduli together with two coefficients of each pylon by the no-U-turn sampler, in one core; "joint evidence"
-compares the evidence with nested sampling (`pip install dynesty`). Rows "interaction" have curves of a damped structure
-under one force, whose points are kept, paired with the loop or not, or left out where the third harmonic is within 1 %
-of a mode that it meets. In "wing" the leaf springs are 5 % apart, so that three times the frequency of the first
-bending mode meets modes 10 and 11, and that of the second comes near mode 13; "coupled" is the small structure of the
-tests, which an interaction moves much more. In "elsewhere" the modes that are met lie 5 % higher in the model.
+have damping ratios that are known within 3 %; rows "forced" predict the response to 1.3 times the largest force of
+these curves, with the class that has both dampers, and with one that lacks the quadratic damper. Rows "every sensor"
+predict motions, and mode 10, of which no curve is made; "wrong law" fits class 1, and in "wrong structure" the linear
+error is 2 % where 0.4 % are stated. Rows "joint" update both moduli together with two coefficients of each pylon by the
+no-U-turn sampler, in one core; "joint evidence" compares the evidence with nested sampling (`pip install dynesty`).
+Rows "interaction" have curves of a damped structure under one force, whose points are kept, paired with the loop or
+not, or left out where the third harmonic is within 1 % of a mode that it meets. In "wing" the leaf springs are 5 %
+apart, so that three times the frequency of the first bending mode meets modes 10 and 11, and that of the second comes
+near mode 13; "coupled" is the small structure of the tests, which an interaction moves much more. In "elsewhere" the
+modes that are met lie 5 % higher in the model.
 """
 
 import argparse
@@ -39,7 +41,9 @@ from jointed_systems import CUBIC, two_pylons
 
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen, quadrature_curve
+from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, quadrature_curve
+from opid.mechanics.backbones.response_curves import response_curve
+from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.law import Law, Term
 from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
@@ -53,7 +57,7 @@ from opid.updating.settings import UPDATING
 from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
-from opid.updating.unmeasured_modes import PredictionSettings, predict_unmeasured
+from opid.updating.unmeasured_modes import PredictionSettings, ResponseSettings, predict_unmeasured
 from opid.virtual.backbone_tests.measured import (
     AMPLITUDE_M,
     BENDING_MODES,
@@ -72,6 +76,7 @@ COUPLED, COUPLED_RATIO = (
     0.003,
 )
 DAMPERS, RATIO, DRIVE = (0.1, 0.5), 0.001, "5"  # N s/m, N s^2/m^2; of the modes; where the force acts
+BEYOND = 1.3  # force of a predicted response over the largest of the tests
 ERRORS = {
     "large": {"offset_fraction": 0.0035, "point_noise": 0.001},
     "small": {},
@@ -289,18 +294,26 @@ def whole_curves(specimen: Specimen) -> tuple[MeasuredCurve, ...]:
     return tuple(curve for curve in curves if len(curve.levels) == 20 and curve.converged.all())
 
 
+def damped_specimen() -> Specimen:
+    """The damped pylons with a force at sensor 5."""
+    (cubic,) = TRUTH.law("", (THETA,)).terms
+    law = Law((cubic, Term("signed_power_damping", (DAMPERS[0], 1.0)), Term("quadratic_damping", (DAMPERS[1],))))
+    return Specimen(system(), law, RATIO, DRIVE)
+
+
 @cache
 def damped_curves() -> tuple[MeasuredCurve, ...]:
     """Curves of damped pylons under a force at sensor 5."""
-    (cubic,) = TRUTH.law("", (THETA,)).terms
-    law = Law((cubic, Term("signed_power_damping", (DAMPERS[0], 1.0)), Term("quadratic_damping", (DAMPERS[1],))))
-    return whole_curves(Specimen(system(), law, RATIO, DRIVE))
+    return whole_curves(damped_specimen())
 
 
 def damped_backbones(
     true_system: JointedModes, curves: tuple[MeasuredCurve, ...], drive: str, rng: np.random.Generator
-) -> tuple[MeasuredBackbone, ...]:
-    """Such curves with errors: 2 % of calibration, 0.5 % of each force, 0.4 % of each linear frequency, shapes."""
+) -> tuple[tuple[MeasuredBackbone, ...], dict[int, float]]:
+    """Such curves with errors: 2 % of calibration, 0.5 % of each force, 0.4 % of each linear frequency, shapes.
+
+    With the error of lambda of each mode, 1/s^2.
+    """
     gain, found = 1 + 0.02 * rng.standard_normal(), []
     # an error of the modal eigenvalue, which does not grow along the backbone
     modes = sorted({curve.mode for curve in curves})
@@ -315,23 +328,28 @@ def damped_backbones(
         hz = np.sqrt(true.eigenvalue + shift[true.mode]) / (2 * np.pi) * (1 + 1e-4 * rng.standard_normal(n))
         force = gain * true.force_n * (1 + 0.005 * rng.standard_normal(n))
         found.append(replace(true, frequency_hz=hz, amplitude=shapes, force_n=force))
-    return tuple(found)
+    return tuple(found), shift
 
 
-def damping(seed: int) -> Figures:
-    """Linear and quadratic dampers beside the cubic spring; three classes, two of which lack one of the dampers."""
+def damped_study(seed: int, names: tuple[str, ...]) -> tuple[UpdatingStudy, dict[int, float], np.random.Generator]:
+    """A study of these curves with classes of linear and quadratic dampers, the error of lambda, and more chance."""
     rng = np.random.default_rng(seed)
     linear = UncertainTerm("signed_power_damping", (DAMPERS[0], 1.0), (Prior(), None))
     quadratic = UncertainTerm("quadratic_damping", (DAMPERS[1],), (Prior(),))
     sets = {"both": (linear, quadratic), "linear": (linear,), "quadratic": (quadratic,)}
     known = {mode: RATIO * np.exp(0.03 * rng.standard_normal()) for mode in BENDING_MODES}
-    measured = damped_backbones(system(), damped_curves(), DRIVE, rng)
+    measured, shift = damped_backbones(system(), damped_curves(), DRIVE, rng)
     study = UpdatingStudy(
         title="damping", structure=system(), backbones=measured, seed=seed,
-        classes=tuple(ModelClass(name, (*TRUTH.terms, *dampers)) for name, dampers in sets.items()),
+        classes=tuple(ModelClass(name, (*TRUTH.terms, *sets[name])) for name in names),
         damping={mode: Prior("lognormal", ratio, 0.03) for mode, ratio in known.items()},
     )  # fmt: skip
-    found = update_study(study)
+    return study, shift, rng
+
+
+def damping(seed: int) -> Figures:
+    """Linear and quadratic dampers beside the cubic spring; three classes, two of which lack one of the dampers."""
+    found = update_study(damped_study(seed, ("both", "linear", "quadratic"))[0])
     figures = {"both dampers chosen": float(found.best_class == "both")}
     true = (THETA, 1.0, 1.0, RATIO, RATIO)
     for each, (parameter, estimate), value in zip(
@@ -378,7 +396,8 @@ def interaction(seed: int, structure: str, elsewhere: float = 0.0) -> Figures:
     )
     met = np.array([9, 10, 12] if is_wing else [8])
     rng = np.random.default_rng(seed)
-    measured = tuple(replace(one, drive="", force_n=None) for one in damped_backbones(true_system, curves, drive, rng))
+    driven, _ = damped_backbones(true_system, curves, drive, rng)
+    measured = tuple(replace(one, drive="", force_n=None) for one in driven)
     eigenvalue = true_system.eigenvalue.copy()
     eigenvalue[met] *= (1 + (elsewhere or 0.004 * rng.standard_normal())) ** 2
     known = replace(true_system, eigenvalue=eigenvalue)
@@ -404,6 +423,35 @@ def interaction(seed: int, structure: str, elsewhere: float = 0.0) -> Figures:
         figures[f"error of theta, {name}, %"] = 100 * (estimate.value / theta - 1)
         figures[f"standard deviation of theta, {name}, %"] = 100 * estimate.std / theta
     return figures | {"width of the interval, paired over left out": width["paired"] / width["left out"]}
+
+
+def forced(seed: int, name: str) -> Figures:
+    """The response at the controlled sensor to 1.3 times the largest force of the tests, read in another test."""
+    study, shift, rng = damped_study(seed, (name,))
+    largest = {mode: max(one.force_n.max() for one in study.backbones if one.mode == mode) for mode in BENDING_MODES}
+    asked = tuple(
+        ResponseSettings(mode=mode, drive=DRIVE, sensor=CONTROLLED, force_n=(BEYOND * force,))
+        for mode, force in largest.items()
+    )
+    found = update_study(replace(study, n_samples=2200, prediction=PredictionSettings(responses=asked)))
+    figures = {
+        f"the response of mode {mode} is given": float(any(each.mode == mode for each in found.responses))
+        for mode in BENDING_MODES
+    }
+    for each in found.responses:
+        force_n = each.force_n * (1 + 0.02 * rng.standard_normal())
+        curve = response_curve(damped_specimen(), mode=each.mode, sensor=CONTROLLED, force_n=force_n, harmonics=(1, 3))
+        hz, amplitude = curve.resonance
+        hz = np.sqrt(hz**2 + shift[each.mode] / (4 * np.pi**2))
+        for what, true, estimate in (("frequency", hz, each.peak_hz), ("amplitude", amplitude, each.peak_amplitude)):
+            of = f"{what} of mode {each.mode}"
+            figures[f"95 % interval of the {of} is given"] = float(estimate.interval95 is not None)
+            figures[f"error of the {of}, %"] = 100 * (estimate.value / true - 1)
+            if estimate.interval95 is not None:
+                figures[f"95 % interval of the {of} holds"] = float(estimate.holds(true))
+                figures[f"standard deviation of the {of}, %"] = 100 * estimate.std / true
+        figures[f"mode {each.mode} is told to be extrapolated"] = float(each.is_extrapolated)
+    return figures
 
 
 def every_sensor(seed: int, errors: str, fault: str = "") -> Figures:
@@ -490,6 +538,7 @@ ROWS: dict[str, Row] = {
     "damping": (damping, (), 60),
     **{f"interaction {structure}": (interaction, (structure,), 30) for structure in ("wing", "coupled")},
     **{f"interaction elsewhere {structure}": (interaction, (structure, 0.05), 10) for structure in ("wing", "coupled")},
+    **{f"forced {name}": (forced, (name,), 20) for name in ("both", "linear")},
     **{f"every sensor {errors}": (every_sensor, (errors,), 30) for errors in ERRORS},
     **{f"every sensor wrong {fault}": (every_sensor, ("small", fault), 10) for fault in ("law", "structure")},
     **{f"evidence {form} large": (evidence, (form, "large"), 10) for form in FORMS[:2]},
@@ -507,8 +556,8 @@ def one(job: tuple[str, int]) -> tuple[str, Figures | str]:
 
 
 def lines(name: str, found: list[Figures]) -> Iterator[str]:
-    for key in found[0]:
-        values = np.array([each[key] for each in found if np.isfinite(each[key])])  # a set may lack a figure
+    for key in dict.fromkeys(key for each in found for key in each):
+        values = np.array([each[key] for each in found if np.isfinite(each.get(key, np.nan))])  # a set may lack one
         if not values.size:
             continue
         spread = f"{np.mean(values):.4g}", f"{np.std(values):.3g}", f"{values.min():.4g}", f"{values.max():.4g}"

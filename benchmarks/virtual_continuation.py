@@ -22,7 +22,8 @@ from harness import table_head
 from tqdm import tqdm
 
 from opid.mechanics.backbones.family import backbone
-from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen, quadrature_curve
+from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, quadrature_curve
+from opid.mechanics.backbones.specimen import Specimen
 from opid.updating.model_class import PAPER_CLASSES, PAPER_THETA
 from opid.updating.structure.reduction import reduce
 from opid.virtual.backbone_tests.control_based_continuation import measured_curve

@@ -472,7 +472,17 @@ def _updating() -> Json:
     measured = fields_of(MeasuredBackbone, "name", "mode", "controlled_sensor", "frequency_hz", "force_n")
     measured["drive"] = or_null(TEXT)
     measured["amplitude"] = table(NUMBERS) | {"description": "m, by sensor"}
-    top = ("title", "form", "best_class", "prediction", "damping", "warnings", "not_determined", "settings")
+    top = (
+        "title",
+        "form",
+        "best_class",
+        "prediction",
+        "damping",
+        "responses",
+        "warnings",
+        "not_determined",
+        "settings",
+    )
     return fields_of(Updating, *top) | {
         "classes": array(keys(model_class)),
         "linear": or_null(keys(linear)),

@@ -11,7 +11,15 @@ from opid.mechanics.laws.law import Law, Term
 from opid.mechanics.truth import UpdatingTruth
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
-from opid.updating.result import BackboneBand, ClassPosterior, LinearMode, LinearPosterior, SensorBand, Updating
+from opid.updating.result import (
+    BackboneBand,
+    ClassPosterior,
+    ForcedResponse,
+    LinearMode,
+    LinearPosterior,
+    SensorBand,
+    Updating,
+)
 from opid.updating.sampling.chains import Diagnostics
 from opid.updating.sampling.evidence import Evidence
 
@@ -150,6 +158,26 @@ def small_motions(mode=1, **changes):
         for name in SENSORS if name != CONTROLLED
     )  # fmt: skip
     return replace(band, sensors=sensors, left_out=0.95, mode_left_out=0.9, **changes)
+
+
+def small_responses():
+    """What two forces make of the first mode, the second beyond the tests and without intervals."""
+    phase = np.linspace(10.0, 170.0, 17)
+    found = []
+    for force_n, has_interval in ((0.5, True), (1.0, False)):
+        amplitude = 2e-3 * force_n * np.sin(np.radians(phase))
+        hz = 15.0 + 2e4 * amplitude**2 + 0.02 / np.tan(np.radians(phase))
+        drawn = np.array([0.95, 1.0, 1.05])[:, None]
+        peaks = Estimate.normal(hz[8], 0.05), Estimate.normal(amplitude[8], 0.05 * amplitude[8])
+        if not has_interval:
+            peaks = tuple(each.without_interval() for each in peaks)
+        found.append(
+            ForcedResponse(
+                1, CONTROLLED, CONTROLLED, force_n, phase, hz, amplitude, tuple(hz + 0 * drawn),
+                tuple(drawn * amplitude), *peaks, is_extrapolated=not has_interval,
+            )
+        )  # fmt: skip
+    return tuple(found)
 
 
 def small_updating(**changes):

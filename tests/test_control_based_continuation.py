@@ -7,7 +7,8 @@ from scipy.integrate import solve_ivp
 from opid.errors import InputError
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes, jointed_modes
-from opid.mechanics.backbones.quadrature_curves import Specimen, find_quadrature_error, quadrature_curve
+from opid.mechanics.backbones.quadrature_curves import find_quadrature_error, quadrature_curve
+from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.law import law
 from opid.mechanics.response import advance, state_at
 from opid.mechanics.rig import Shaker

@@ -13,6 +13,7 @@ from made_updating import (
     small_linear,
     small_measured,
     small_motions,
+    small_responses,
     small_updating,
 )
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -63,6 +64,7 @@ DRAWN = {
     "predicted": lambda: plots.predicted_backbones(small_bands(sensors=SENSORS[:2]), small_measured(), 2),
     "predicted without curves": lambda: plots.predicted_backbones(small_bands(sensors=SENSORS[:1]), (), 1),
     "predicted_motions": lambda: plots.predicted_motions(small_motions(), small_measured()),
+    "forced_responses": lambda: plots.forced_responses(small_responses()),
     "log_evidences": lambda: plots.log_evidences(small_updating()),
     "joint_forces": forces,
     "linear_updating": lambda: plots.linear_updating(small_linear()),

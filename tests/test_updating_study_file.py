@@ -17,7 +17,7 @@ from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.matrices_file import write_structure
 from opid.updating.structure.reduction import reduce
-from opid.updating.unmeasured_modes import PredictionSettings
+from opid.updating.unmeasured_modes import PredictionSettings, ResponseSettings
 
 STUDY = """
 title = "A chain"
@@ -211,6 +211,24 @@ def test_days_of_the_tests_are_read_and_written(place):
     assert [curve.day for curve in read_study(place / "again" / "study.toml").backbones] == ["2 March"] * len(
         study.backbones
     )
+
+
+def test_responses_to_predict_are_read_and_written(place):
+    table = '[[prediction.responses]]\nmode = 1\ndrive = "b"\nforce_n = [2, 5.5]\nsensor = "tip"\n'
+    told = refused(place, STUDY + table, "the response of mode 1 to a force is to be predicted and the mode has no")
+    assert "damping ratio, name one: damping" in told
+    refused(place, STUDY + table.replace("[2, 5.5]", "[-2]"), "[[prediction.responses]]", "give positive amplitudes")
+    refused(place, STUDY + table.replace("[2, 5.5]", "5"), "force_n")
+    settings = PredictionSettings(responses=(ResponseSettings(mode=1, drive="b", force_n=(2.0, 5.5), sensor="tip"),))
+    hz, force = 2 * np.arange(1, 7) + 20.0, np.arange(1, 7)
+    rows = [f"{f},{a},{a},{a},{a},{n}" for f, a, n in zip(hz, 1e-4 * force, force, strict=True)]
+    (place / "first.csv").write_text("\n".join(["frequency_hz,a,b,c,tip,force [N]", *rows]), encoding="utf-8")
+    driven = STUDY.replace('controlled_sensor = "tip"', 'controlled_sensor = "tip"\ndrive = "b"')
+    study = study_of(place, driven + "[structure.damping]\n1 = 0.01\n" + table)
+    assert study.prediction == settings
+    (place / "again").mkdir()
+    write_study(study, place / "again" / "study.toml")
+    assert read_study(place / "again" / "study.toml").prediction == settings
 
 
 COORDINATES = """

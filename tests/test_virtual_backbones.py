@@ -5,7 +5,7 @@ import pytest
 
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.backbones.family import backbone
-from opid.mechanics.backbones.quadrature_curves import Specimen
+from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.law import law
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.structure.reduction import reduce

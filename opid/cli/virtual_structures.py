@@ -280,7 +280,7 @@ def _measure_by_continuation(
     say: Say,
 ) -> tuple[MeasuredBackbone, ...]:
     from opid.errors import NotDeterminedError
-    from opid.mechanics.backbones.quadrature_curves import Specimen
+    from opid.mechanics.backbones.specimen import Specimen
     from opid.virtual.backbone_tests.measured import AMPLITUDE_M, BENDING_MODES, virtual_backbones
 
     specimen = Specimen(system, tuple(true.laws(system.joints, theta).values()), DAMPING_RATIO, DRIVE)

@@ -11,11 +11,9 @@ from .backbones.jointed_modes import (
     JointedModes as JointedModes,
     jointed_modes as jointed_modes,
 )
-from .backbones.quadrature_curves import (
-    MeasuredCurve as MeasuredCurve,
-    Specimen as Specimen,
-    quadrature_curve as quadrature_curve,
-)
+from .backbones.quadrature_curves import MeasuredCurve as MeasuredCurve, quadrature_curve as quadrature_curve
+from .backbones.response_curves import ResponseCurve as ResponseCurve, response_curve as response_curve
+from .backbones.specimen import Specimen as Specimen
 from .driven import (
     Interface as Interface,
     Noise as Noise,

@@ -82,6 +82,7 @@ from .style import (
 from .updating import (
     ForceBand as ForceBand,
     effective_damping as effective_damping,
+    forced_responses as forced_responses,
     joint_forces as joint_forces,
     linear_updating as linear_updating,
     log_evidences as log_evidences,

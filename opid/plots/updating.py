@@ -33,7 +33,15 @@ from opid.plots.style import (
 )
 from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone, Place
-from opid.updating.result import BackboneBand, ClassPosterior, DampingBand, LinearPosterior, ModeShape, Updating
+from opid.updating.result import (
+    BackboneBand,
+    ClassPosterior,
+    DampingBand,
+    ForcedResponse,
+    LinearPosterior,
+    ModeShape,
+    Updating,
+)
 from opid.updating.structure.reduction import ReductionErrors
 
 _COLUMNS = 3
@@ -187,6 +195,49 @@ def effective_damping(bands: Sequence[DampingBand], axes: Any = None) -> np.ndar
             )  # fmt: skip
         grid[0, 0].legend()
     return grid
+
+
+def forced_responses(responses: Sequence[ForcedResponse], axes: Any = None) -> np.ndarray:
+    """Draw the amplitude of a sensor over the frequency at each force, with some draws and the interval of the peak.
+
+    Args:
+        responses: one panel for each mode, drive point and sensor, with its forces.
+        axes: as many Axes as panels, or None for a new figure.
+
+    Returns:
+        Axes, in rows of three; those without a response are empty.
+    """
+    grouped: dict[tuple[int, str, str], list[ForcedResponse]] = {}
+    for each in responses:
+        grouped.setdefault((each.mode, each.drive, each.sensor), []).append(each)
+    with house_style():
+        grid = _make_grid(len(grouped), axes)
+        for ax, ((mode, drive, sensor), own) in zip(grid.ravel(), grouped.items(), strict=False):
+            factor, unit = _choose_length_unit(max(float(np.nanmax(each.amplitude, initial=0.0)) for each in own))
+            for color, each in zip(choose_run_colors(len(own)), own, strict=True):
+                for hz, amplitude in zip(each.drawn_hz, each.drawn_amplitude, strict=True):
+                    ax.plot(hz, factor * amplitude, color=color, linewidth=0.6, alpha=0.2)
+                ax.plot(each.frequency_hz, factor * each.amplitude, color=color, label=f"{each.force_n:g} N")
+                _draw_peak(ax, each, factor, color)
+            ax.set(
+                title=f"mode {mode}, force at {drive}", xlabel="frequency [Hz]",
+                ylabel=f"amplitude at sensor {sensor} [{unit}]", ylim=(0.0, None),
+            )  # fmt: skip
+            ax.xaxis.set_major_locator(MaxNLocator(nbins=5))
+            thicken(ax.legend())
+    return grid
+
+
+def _draw_peak(ax: Axes, response: ForcedResponse, factor: float, color: Any) -> None:
+    """Draw the resonance as a point with the bars of its intervals, where it has them."""
+    hz, amplitude = response.peak_hz, response.peak_amplitude
+    if hz.value is None or amplitude.value is None:
+        return
+    at = hz.value, factor * amplitude.value
+    if hz.interval95 is not None and amplitude.interval95 is not None:
+        ax.plot(hz.interval95, [at[1]] * 2, color=color, linewidth=1.6)
+        ax.plot([at[0]] * 2, [factor * end for end in amplitude.interval95], color=color, linewidth=1.6)
+    ax.plot(*at, color=color, marker="o", markersize=5, markerfacecolor="white", zorder=5)
 
 
 def predicted_motions(band: BackboneBand, measured: Sequence[MeasuredBackbone], axes: Any = None) -> np.ndarray:

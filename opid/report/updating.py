@@ -34,6 +34,7 @@ from opid.report.updating_bands import (
     list_predicted_figures,
     tabulate_coverage,
     tabulate_motions,
+    tabulate_responses,
     tabulate_unmeasured,
 )
 from opid.updating.model_class import ClassParameter, StiffnessFactor, group_joints
@@ -92,6 +93,7 @@ def build_document(result: Updating, truth: UpdatingTruth | None = None) -> Docu
         _tabulate_sampling(result),
         tabulate_coverage(result),
         tabulate_unmeasured(result),
+        tabulate_responses(result),
         tabulate_motions(result),
     )
     return Document(

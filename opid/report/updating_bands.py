@@ -1,4 +1,4 @@
-"""What a report says of the prediction of an updating: coverage, motion of every sensor, modes without curves."""
+"""What a report says of the prediction of an updating: coverage, every sensor, modes without curves, forces."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from opid import plots
 from opid.estimate import format_number
 from opid.report.document import Figure, Row, Table, build_columns
+from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.updating.result import SensorBand, Updating
 
 _MOTIONS = "Motion of every sensor"  # title of the part of the page that a reader opens
@@ -88,6 +89,23 @@ def tabulate_unmeasured(result: Updating) -> Table:
     )
 
 
+def tabulate_responses(result: Updating) -> Table:
+    """Return the resonance of each response to a force: frequency and amplitude with their intervals."""
+    rows: list[Row] = []
+    for each in result.responses:
+        beyond = "; a joint moves farther than in the tests" if each.is_extrapolated else ""
+        rows.append((f"{each.words}{beyond}",))
+        rows.append(build_estimate_row("resonance", "Hz", each.peak_hz))
+        rows.append(build_estimate_row("amplitude there", "m", each.peak_amplitude))
+    return tabulate_estimates(
+        rows,
+        title="Response to a force",
+        legend="The largest motion that a shaker with this force makes near the mode, by the best class. The intervals "
+        "hold the laws and the damping, the error of the linear structure, and the calibration of the force. Where a "
+        "joint moves farther than in the tests, the laws are extrapolated.",
+    )
+
+
 def list_predicted_figures(result: Updating) -> Iterator[Figure]:
     """Yield the figures of the prediction: the backbone of each mode, then the motions, which a reader opens."""
     predicted = sorted({band.mode for band in result.prediction if not band.is_measured})
@@ -101,6 +119,15 @@ def list_predicted_figures(result: Updating) -> Iterator[Figure]:
             if mode == predicted[0]
             else "",
             lambda mode=mode: plots.predicted_backbones(result.prediction, (), mode),  # type: ignore[misc]
+        )
+    if result.responses:
+        yield Figure(
+            "forced_responses",
+            "Response to a force",
+            "Amplitude over the frequency when a shaker moves the structure, by the best class: the median over the "
+            "phase, some draws of the parameters, and the resonance with its 95 % intervals. Where a curve turns back "
+            "over the frequency, the motion jumps.",
+            lambda: plots.forced_responses(result.responses),
         )
     moved = [band for band in result.prediction if band.sensors]
     for number, band in enumerate(moved):

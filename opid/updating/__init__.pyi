@@ -29,6 +29,7 @@ from .prediction import predict as predict
 from .result import (
     BackboneBand as BackboneBand,
     ClassPosterior as ClassPosterior,
+    ForcedResponse as ForcedResponse,
     LinearPosterior as LinearPosterior,
     SensorBand as SensorBand,
     Updating as Updating,
@@ -51,4 +52,4 @@ from .structure.reduction import (
     ritz_modes as ritz_modes,
 )
 from .study import UpdatingStudy as UpdatingStudy
-from .unmeasured_modes import PredictionSettings as PredictionSettings
+from .unmeasured_modes import PredictionSettings as PredictionSettings, ResponseSettings as ResponseSettings

@@ -12,11 +12,13 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, refuse
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.progress import Say, Step
+from opid.signals.recording import FloatArray
 from opid.updating.checks import warn_of_overlaps
 from opid.updating.confusion import find_confusion
 from opid.updating.damping_prediction import predict_damping
+from opid.updating.forced_response import predict_responses
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
-from opid.updating.likelihood.error_growth import growth_of_linear_error
+from opid.updating.likelihood.error_growth import growth_of_linear_error, with_modal_errors
 from opid.updating.likelihood.force import force_data
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
 from opid.updating.likelihood.noise import UNMENDED_GROWTH
@@ -25,7 +27,7 @@ from opid.updating.measured import by_mode
 from opid.updating.model_class import DampingRatio, ModelClass, Prior, StiffnessFactor
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
-from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior, Updating
+from opid.updating.result import BackboneBand, ClassPosterior, ForcedResponse, LinearPosterior, Updating
 from opid.updating.sampling.samplers import require_nutpie
 from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
@@ -33,7 +35,7 @@ from opid.updating.structure.factored_modes import factored_modes
 from opid.updating.structure.reduction import reduce
 from opid.updating.study import UpdatingStudy
 from opid.updating.unmeasured_modes import predict_unmeasured, unseen_faults
-from opid.updating.warnings import warn_of_choice, warn_of_classes, warn_of_linear_choice
+from opid.updating.warnings import find_unfit_modes, warn_of_choice, warn_of_classes, warn_of_linear_choice
 
 logger = logging.getLogger(__name__)
 
@@ -73,6 +75,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _predict(study, data, best, linear)
+    responses, told = _predict_responses(study, data, best, linear)
     own = np.random.default_rng([study.seed, 6])
     damping = () if data.force is None else tuple(predict_damping(data, best, study.backbones, rng=own))
     confusion = None
@@ -105,6 +108,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
             *warn_of_classes(classes),
             *warn_of_choice(classes, bands),
             *gone,
+            *told,
         ),
         not_determined="",
         settings=_list_settings(study, data, growth),
@@ -112,6 +116,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         linear_classes=tuple(linear_classes) if len(linear_classes) > 1 else (),
         places=study.places,
         damping=damping,
+        responses=responses,
     )
 
 
@@ -261,16 +266,54 @@ def _predict(
         bands = predict(data, best, study.backbones, rng=np.random.default_rng([study.seed, 3]))
     except NotDeterminedError as error:
         warnings.append(f"there is no prediction: {error}")
-    if not study.prediction.modes:
-        return bands, warnings
-    rng, model_class = np.random.default_rng([study.seed, 5]), best.model_class
-    theta = best.samples[rng.integers(len(best.samples), size=UPDATING.n_predicted)]
-    if linear is not None and not study.is_joint:
-        # No curve corrects the error of the factors in a mode without curves.
-        data, (model_class,) = _free_factors(study, linear, data, [model_class])
-        theta = np.hstack([theta, linear.samples[rng.integers(len(linear.samples), size=len(theta))]])
-    others, extrapolated = predict_unmeasured(data, model_class, theta, study.prediction, study.backbones, rng=rng)
-    return (*bands, *others), [*warnings, *extrapolated]
+    if study.prediction.modes:
+        rng = np.random.default_rng([study.seed, 5])
+        drawn = _draw_with_factors(study, data, best, linear, UPDATING.n_predicted, rng)
+        others, extrapolated = predict_unmeasured(*drawn, study.prediction, study.backbones, rng=rng)
+        bands, warnings = (*bands, *others), [*warnings, *extrapolated]
+    return bands, warnings
+
+
+def _draw_with_factors(
+    study: UpdatingStudy,
+    data: BackboneData,
+    best: ClassPosterior,
+    linear: LinearPosterior | None,
+    n: int,
+    rng: np.random.Generator,
+) -> tuple[BackboneData, ModelClass, FloatArray]:
+    """Return data, class and draws of its parameters, (n, n_parameters), with the factors of the structure among them.
+
+    No curve corrects the error of the factors in a mode without curves.
+    """
+    theta, model_class = best.samples[rng.integers(len(best.samples), size=n)], best.model_class
+    if linear is None or study.is_joint:
+        return data, model_class, theta
+    data, (model_class,) = _free_factors(study, linear, data, [model_class])
+    return data, model_class, np.hstack([theta, linear.samples[rng.integers(len(linear.samples), size=n)]])
+
+
+def _predict_responses(
+    study: UpdatingStudy, data: BackboneData, best: ClassPosterior, linear: LinearPosterior | None
+) -> tuple[tuple[ForcedResponse, ...], list[str]]:
+    """Return the responses to a force that the study asks for, those of measured modes first, with their sentences."""
+    wanted, known, n = study.prediction.responses, by_mode(study.backbones), UPDATING.n_responses
+    asked = [one for one in wanted if one.mode in known], [one for one in wanted if one.mode not in known]
+    found: tuple[ForcedResponse, ...] = ()
+    warnings: list[str] = []
+    if not wanted:
+        return found, warnings
+    rng, model_class = np.random.default_rng([study.seed, 7]), best.model_class
+    widened = with_modal_errors(data, model_class, best.best)
+    unfit = find_unfit_modes(widened, model_class, best.best)
+    for own in filter(None, asked):
+        theta = best.samples[rng.integers(len(best.samples), size=n)]
+        drawn = (widened, model_class, theta)
+        if own is asked[1]:
+            drawn = _draw_with_factors(study, data, best, linear, n, rng)
+        responses, told = predict_responses(*drawn, own, study.backbones, unfit=unfit, rng=rng)
+        found, warnings = (*found, *responses), [*warnings, *told]
+    return found, warnings
 
 
 def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:

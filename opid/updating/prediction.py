@@ -69,7 +69,7 @@ def _make_band(
     growth = fill_gaps(found.eigenvalue, mode.linear) / mode.linear - 1
     pulled = find_pulled(data, mode, posterior.model_class, posterior.best, amplitude)
     at_nodes = None if mode.frequency_noise is None else make_curves(data, mode, posterior.model_class)(theta)
-    errors = _draw_errors(data, mode, at_nodes, found.eigenvalue, growth, rng)
+    errors = draw_frequency_errors(data, mode, at_nodes, found.eigenvalue, growth, rng)
     band = find_band(to_hz(found.eigenvalue + pulled + errors))
     hz = np.concatenate([one.frequency_hz for one in curves])
     sensors: tuple[SensorBand, ...] = ()
@@ -85,18 +85,23 @@ def _make_band(
     )  # fmt: skip
 
 
-def _draw_errors(
+def draw_frequency_errors(
     data: BackboneData,
     mode: ModeData,
     at_nodes: Curves | None,
     eigenvalue: FloatArray,
     growth: FloatArray,
     rng: np.random.Generator,
+    *,
+    has_noise: bool = True,
 ) -> FloatArray:
-    """Draw errors of lambda for a further curve, (n, N_AMPLITUDES); nan without a curve of the model."""
+    """Draw errors of lambda for a further curve, (n, N_AMPLITUDES); nan without a curve of the model.
+
+    In the recommended form the points of that curve may have no noise.
+    """
     if mode.frequency_noise is not None and at_nodes is not None:
         model, lost = at_nodes[0][..., None] / mode.linear, at_nodes[3]
-        errors = mode.linear * draw_errors(mode.frequency_noise, model, growth, rng)[..., 0]
+        errors = mode.linear * draw_errors(mode.frequency_noise, model, growth, rng, has_noise=has_noise)[..., 0]
         return np.where(lost[:, None], np.nan, errors)
     first = np.unique(mode.curve, return_index=True)[1]
     r_m = float(np.mean(mode.linear - mode.eigenvalue[first]))
@@ -201,6 +206,32 @@ def draw_motions(
     return found.shapes / found.shapes[..., [controlled]] + find_units(found.shapes, controlled) * errors
 
 
+def draw_relative_motions(
+    data: BackboneData,
+    mode: ModeData,
+    found: BackboneFamily,
+    growth: FloatArray,
+    at_nodes: Curves,
+    rng: np.random.Generator,
+    *,
+    has_noise: bool = True,
+) -> FloatArray:
+    """Draw the motions of a further curve over that of the controlled sensor, (n, n_points, n_sensors).
+
+    The points of that curve may have no noise. The motions are nan without a curve of the model. A sensor that the
+    curves lack has the motion itself with its stated error.
+    """
+    assert mode.errors is not None  # The recommended form has noise models.
+    controlled = data.system.sensor(found.sensor)
+    relative = draw_motions(found, controlled, growth, data.noise.linear_shape_error, mode.errors.shape, rng)
+    for each in _find_motions(data, mode):
+        noise, rows = each.make_noise(mode, data.noise), mode.rows[each.others]
+        errors = draw_errors(noise, each.relate(at_nodes[1]), growth, rng, has_noise=has_noise)
+        relative[..., rows] = found.shapes[..., rows] / found.shapes[..., [controlled]] + each.unit * errors
+    relative[at_nodes[3]] = np.nan
+    return relative
+
+
 def _band_sensors(
     data: BackboneData,
     mode: ModeData,
@@ -212,17 +243,10 @@ def _band_sensors(
     rng: np.random.Generator,
 ) -> tuple[SensorBand, ...]:
     """Return the band of each sensor but the controlled one; `fractions`, by the column, are of curves left out."""
-    assert mode.errors is not None  # The recommended form has noise models.
     system = data.system
     controlled = system.sensor(found.sensor)
-    relative = draw_motions(found, controlled, growth, data.noise.linear_shape_error, mode.errors.shape, rng)
-    for each in _find_motions(data, mode):
-        noise = each.make_noise(mode, data.noise)
-        rows = mode.rows[each.others]
-        errors = draw_errors(noise, each.relate(at_nodes[1]), growth, rng)
-        relative[..., rows] = found.shapes[..., rows] / found.shapes[..., [controlled]] + each.unit * errors
+    relative = draw_relative_motions(data, mode, found, growth, at_nodes, rng)
     left_out = {int(mode.rows[column]): fraction for column, fraction in fractions.items()}
-    relative[at_nodes[3]] = np.nan
     bands = []
     for row, sensor in enumerate(system.sensors):
         if row == controlled:

@@ -268,6 +268,48 @@ class DampingBand:
 
 
 @dataclass(frozen=True, eq=False)
+class ForcedResponse:
+    """What a shaker makes of one mode by the best class, over the phase of one sensor against its force.
+
+    Over the frequency the curve of a nonlinear mode may turn back, over the phase it does not. The intervals hold the
+    laws and damping ratios, the error of the linear structure, and the calibration of the force.
+
+    Args:
+        mode: number of the mode, from 1.
+        drive: name of the sensor at which the force acts.
+        sensor: name of the sensor whose response it is.
+        force_n: amplitude of the force, N.
+        phase_deg: (n,) angles by which the sensor lags the force, degrees.
+        frequency_hz: (n,) median of the frequency at each of them, Hz; nan where most draws do not reach it.
+        amplitude: (n,) median of the first harmonic of the sensor, m.
+        drawn_hz: frequencies of a few draws, (n,) each, Hz.
+        drawn_amplitude: their amplitudes, (n,) each, m.
+        peak_hz: frequency at resonance, where the amplitude is largest, Hz; without an interval where laws or draws do
+            not support one.
+        peak_amplitude: that amplitude, m.
+        is_extrapolated: whether a joint moves farther than it did in the tests.
+    """
+
+    mode: int
+    drive: str
+    sensor: str
+    force_n: float
+    phase_deg: FloatArray
+    frequency_hz: FloatArray
+    amplitude: FloatArray
+    drawn_hz: tuple[FloatArray, ...]
+    drawn_amplitude: tuple[FloatArray, ...]
+    peak_hz: Estimate
+    peak_amplitude: Estimate
+    is_extrapolated: bool
+
+    @property
+    def words(self) -> str:
+        """What it is the response of: "mode 7 under 2 N at 5, sensor 10"."""
+        return f"mode {self.mode} under {self.force_n:g} N at {self.drive}, sensor {self.sensor}"
+
+
+@dataclass(frozen=True, eq=False)
 class Confusion:
     """How often each class would be chosen from such data, if one of them were true.
 
@@ -307,6 +349,7 @@ class Updating(Result):
             where the structure was not reduced or the comparison was not made.
         places: where the sensors are, by their names; empty where the study does not say it.
         damping: effective damping of each mode with a force, by the best class; empty where no force is used.
+        responses: responses to a force that the best class predicts, those that the study asks for.
     """
 
     title: str
@@ -325,6 +368,7 @@ class Updating(Result):
     linear_classes: tuple[LinearPosterior, ...] = ()
     places: Mapping[str, Place] = field(default_factory=dict)
     damping: tuple[DampingBand, ...] = ()
+    responses: tuple[ForcedResponse, ...] = ()
 
     @property
     def mode_shapes(self) -> tuple[ModeShape, ...]:
@@ -380,13 +424,19 @@ class Updating(Result):
         return reached_extensions(self.system, self.measured)
 
     def summary(self) -> tuple[SummaryRow, ...]:
-        """Return the linear parameters as factors of the nominal ones, and the coefficients, the best class first."""
+        """Return the linear parameters as factors of the nominal ones, the coefficients, and peaks of responses.
+
+        The coefficients of the best class come first.
+        """
         linear = {} if self.linear is None else self.linear.estimates
         rows = [SummaryRow.of(f"linear.{name}", estimate, "1") for name, estimate in linear.items()]
         for each in sorted(self.classes, key=lambda each: each.model_class.name != self.best_class):
             name = each.model_class.name
             coefficients = each.coefficients.items()
             rows += [SummaryRow.of(f"{name}.{own.key}", found, own.unit) for own, found in coefficients]
+        for response in self.responses:
+            rows.append(SummaryRow.of(f"{response.words}: frequency", response.peak_hz, "Hz"))
+            rows.append(SummaryRow.of(f"{response.words}: amplitude", response.peak_amplitude, "m"))
         return tuple(rows)
 
     @property
@@ -412,6 +462,7 @@ class Updating(Result):
                 "measured": [_convert_curve(curve) for curve in self.measured],
                 "prediction": [asdict(band) for band in self.prediction],
                 "damping": [asdict(band) for band in self.damping],
+                "responses": [asdict(response) for response in self.responses],
                 "confusion": None if self.confusion is None else asdict(self.confusion),
             }
         )

@@ -130,6 +130,14 @@ class UpdatingThresholds:
     fewest_left: float = 30.0
     # smallest amplitude of a mode without curves over its largest one, as in usual tests
     least_amplitude: float = 0.05
+    # draws of a response to a force, each of which takes a tenth of a second: the ends of its interval are then 0.2
+    # deviations off, ...
+    n_responses: int = 100
+    n_drawn: int = 30  # ... and those of them that a figure shows: more hide each other
+    # degrees between the phases of a response: a parabola through three of them misses its peak by 4e-5
+    phase_step: int = 10
+    # fraction of the draws without a resonance above which the others do not tell the interval
+    most_lost: float = 0.05
 
 
 UPDATING = UpdatingThresholds()

@@ -122,12 +122,12 @@ class UpdatingStudy(UpdatingSettings):
         linear_classes: sets of these factors by a name, of which phase I chooses one by its evidence; a factor that a
             set leaves out stays at 1. All factors are updated where there is no set.
         noise: settings for the errors of the backbones.
-        damping: damping ratio of each measured mode of the structure without its joints, by its number: a number where
-            it is known, else its prior. With it, the force of the backbones tells the damping; without any it is not
-            used.
+        damping: damping ratio of each measured mode of the structure without its joints, and of other modes whose
+            response is predicted, by its number: a number where it is known, else its prior. With it, the force of the
+            backbones tells the damping; without any it is not used.
         places: where the sensors are, by their names, for the figures of shapes; all of them, or none.
         source: the study file, if there is one.
-        prediction: modes without curves whose backbones are predicted, too.
+        prediction: modes without curves whose backbones are predicted, too, and responses to a force.
 
     Raises:
         InputError: everything that is wrong with it, at once.
@@ -222,10 +222,12 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
             yield f"{subject} the sensors {', '.join(unknown)}, which the structure does not have"
     yield from day_faults(study.backbones)
     yield from _find_place_faults(study)
-    yield from prediction_faults(study.prediction, study.form, study.structure.sensors, study.backbones)
+    sensors = study.structure.sensors
+    yield from prediction_faults(study.prediction, study.form, sensors, study.backbones, study.damping)
     if isinstance(study.structure, JointedModes):
         yield from mode_faults(study.structure, study.backbones)
-        if study.prediction.sensor is None or study.prediction.sensor in study.structure.sensors:
+        asked = [each for one in study.prediction.responses for each in (one.drive, one.seen_at)]
+        if {*asked, study.prediction.sensor} <= {*sensors, None}:
             yield from unseen_faults(study.prediction, study.structure)
     for name, prior in study.parameters.items():
         high = prior.first + UPDATING.prior_reach * prior.second if prior.family == "normal" else prior.support[1]
@@ -250,8 +252,9 @@ def _find_damping_faults(study: UpdatingStudy) -> Iterator[str]:
         yield "damping ratios are named and the sampler is 'nuts', which has no slopes of the force, take 'adaptive'"
     if not driven:
         yield "damping ratios are named and no backbone has a force, name the drive point of those that have one"
+    used = {*driven, *(one.mode for one in study.prediction.responses)}
     for mode in study.damping:
-        if driven and mode not in driven:
+        if driven and mode not in used:
             yield f"the damping ratio of mode {mode} is named, and a force is known of {driven}, name these"
     for mode in driven:
         if mode not in study.damping:

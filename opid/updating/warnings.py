@@ -153,10 +153,8 @@ def warn_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[st
 
     Where the curves are too short for `misfits`, the fraction `unexplained` is judged.
     """
-    large = [each for each in misfits if each.fraction > UPDATING.least_misfit]
-    rare = [each for each in large if each.probability < UPDATING.rare / len(misfits)]
-    if rare:
-        worst = max(rare, key=lambda each: each.fraction)
+    if large := _find_large(misfits, UPDATING.least_misfit):
+        worst = max(large, key=lambda each: each.fraction)
         yield (
             f"with the best parameters {100 * worst.fraction:.0f} % of the measured growth of the frequencies of mode "
             f"{worst.mode} stay unexplained, alike in all curves (by chance in less than one of "
@@ -171,10 +169,8 @@ def warn_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[st
 
 def warn_of_bump(bumps: Sequence[LackOfFit]) -> Iterator[str]:
     """Yield at most one sentence, on a bump that all curves of a mode have alike, larger than chance allows."""
-    large = [each for each in bumps if each.fraction > UPDATING.least_bump]
-    rare = [each for each in large if each.probability < UPDATING.rare / len(bumps)]
-    if rare:
-        worst = max(rare, key=lambda each: each.fraction)
+    if large := _find_large(bumps, UPDATING.least_bump):
+        worst = max(large, key=lambda each: each.fraction)
         yield (
             f"with the best parameters a bump of {100 * worst.fraction:.1f} % of the measured growth of the "
             f"frequencies of mode {worst.mode} is left, alike in all curves: another mode may pull them where the "
@@ -182,11 +178,28 @@ def warn_of_bump(bumps: Sequence[LackOfFit]) -> Iterator[str]:
         )
 
 
+def _find_large(misfits: Sequence[LackOfFit], least: float) -> list[LackOfFit]:
+    """Return the misfits above a fraction that are not by chance."""
+    return [each for each in misfits if each.fraction > least and each.probability < UPDATING.rare / len(misfits)]
+
+
+def find_unfit_modes(data: BackboneData, model_class: ModelClass, best: FloatArray) -> set[int]:
+    """Return the numbers of the modes whose backbones or force a class does not fit with its best parameters."""
+    misfits = lack_of_fit(data, model_class, best)
+    found = {each.mode for each in _find_large(misfits, UPDATING.least_misfit)}
+    if not misfits and not unexplained_fraction(data, model_class, best) <= UPDATING.most_unexplained:
+        found = {mode.mode for mode in data.modes}
+    if data.force is not None and (error := find_force_error(data, data.force, model_class, best)) is not None:
+        large = _find_large(force_misfit(data.force, error, data.noise), UPDATING.least_force_misfit)
+        found |= {each.mode for each in large}
+        found |= {mode for mode, _, _ in _find_wrong_levels(data.force, error, data.noise)}
+    return found
+
+
 def warn_of_force(misfits: Sequence[LackOfFit]) -> Iterator[str]:
     """Yield at most one sentence, on a misfit to the force of a mode that is large and not by chance."""
-    rare = [each for each in misfits if each.probability < UPDATING.rare / len(misfits)]
-    worst = max(rare, key=lambda each: each.fraction, default=None)
-    if worst is not None and worst.fraction > UPDATING.least_force_misfit:
+    if large := _find_large(misfits, UPDATING.least_force_misfit):
+        worst = max(large, key=lambda each: each.fraction)
         yield (
             f"with the best parameters the force of mode {worst.mode} is {100 * worst.fraction:.0f} % (rms) off over "
             "the amplitude: these dampers do not lose the measured energy, do not use their intervals; if the force is "
@@ -197,8 +210,21 @@ def warn_of_force(misfits: Sequence[LackOfFit]) -> Iterator[str]:
 def warn_of_force_level(force: ForceData, error: FloatArray, noise: NoiseSettings) -> Iterator[str]:
     """Yield a sentence for each mode whose force is larger or smaller than calibration and scatter allow.
 
-    `error` is that of `find_force_error`. The curves of a mode have the calibration and the error of its energy in
-    common, and each has an offset, which is expected as it scatters, and at least as it is stated.
+    `error` is that of `find_force_error`.
+    """
+    for number, level, expected in _find_wrong_levels(force, error, noise):
+        yield (
+            f"with the best parameters the force of mode {number} is {np.exp(level):.3g} times what the dampers and "
+            f"damping ratios need, {abs(level) / expected:.0f} standard deviations of its calibration: check its unit "
+            "(peak or rms), the drive point and the damping ratios, do not use the intervals of the dampers"
+        )
+
+
+def _find_wrong_levels(force: ForceData, error: FloatArray, noise: NoiseSettings) -> Iterator[tuple[int, float, float]]:
+    """Yield each mode whose force is off, with the logarithm of its factor and the deviation that is expected.
+
+    The curves of a mode have the calibration and the error of its energy in common, and each has an offset, which is
+    expected as it scatters, and at least as it is stated.
     """
     for number in np.unique(force.of_mode):
         curve, own = force.place["curve"][force.of_mode == number], error[force.of_mode == number]
@@ -206,12 +232,7 @@ def warn_of_force_level(force: ForceData, error: FloatArray, noise: NoiseSetting
         offset = max(noise.force_offset, float(levels.std(ddof=1)) if levels.size > 1 else 0.0)
         expected = np.sqrt(noise.force_error**2 + noise.energy_error**2 + offset**2 / levels.size)
         if abs(levels.mean()) > UPDATING.missed_sigma * expected:
-            yield (
-                f"with the best parameters the force of mode {number} is {np.exp(levels.mean()):.3g} times what the "
-                f"dampers and damping ratios need, {abs(levels.mean()) / expected:.0f} standard deviations of its "
-                "calibration: check its unit (peak or rms), the drive point and the damping ratios, do not use the "
-                "intervals of the dampers"
-            )
+            yield int(number), float(levels.mean()), float(expected)
 
 
 def find_force_error(
@@ -242,7 +263,7 @@ def force_misfit(force: ForceData, error: FloatArray, noise: NoiseSettings) -> l
         of_curve = np.eye(points.curve.max() + 1)[points.curve][:, np.unique(points.curve)]
         left = error[mine] - of_curve @ ((of_curve.T @ error[mine]) / of_curve.sum(axis=0))
         rms = float(np.sqrt(np.mean(left**2)))
-        if rms > most:
+        if rms > most and of_curve.shape[1] < UPDATING.few_sets:
             found.append(LackOfFit(int(number), rms, 0.0))
         elif judged is not None:
             found.append(LackOfFit(int(number), float(np.linalg.norm(judged[0])), judged[1]))

@@ -1,108 +1,39 @@
 """Backbones as single-point forcing finds them: one sensor in quadrature with the force, level after level.
 
 The module has the records of a measurement, and computes the same curves by harmonic balance of the damped, forced
-structure.
+structure. The phase of a sensor and either an amplitude or the force are prescribed, so that response curves follow
+from the same equations (`response_curves`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from opid.errors import InputError
-from opid.mechanics.backbones.family import laws_of_joints, require_amplitudes
-from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.laws.law import FloatArray, Law
-from opid.mechanics.rig import Shaker
+from opid.mechanics.backbones.family import require_amplitudes
+from opid.mechanics.backbones.specimen import Specimen, solve_linear_start
+from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.structure import ComplexArray
 
 _SAMPLES = 128
-# rate of a joint at which its damping is linear, m/s
-_SLOW = 1e-9
 # number of frequencies among which quadrature of the linear structure is searched
 _N_SCANNED = 6001
-# fraction of the largest extension by which a solution may differ from its prediction
+# fraction of the largest extension, and of the frequency, by which a solution may differ from its prediction
 _FROM_PREDICTION = 0.05
-# smallest step of the amplitude, as a fraction of it
+# smallest step of what is prescribed, as a fraction of it
 _LEAST_STEP = 1 / 64
 
+HARMONICS = (1, 3, 5, 7)
+"""The harmonics that are balanced where none are named."""
 
-@dataclass(frozen=True, eq=False)
-class Specimen:
-    """A structure with damped modes and nonlinear joints, and a shaker at one of its sensors.
-
-    Args:
-        system: the modes of the structure, as its sensors and joints see them.
-        laws: one law for each joint; a single `Law` counts for all.
-        damping_ratio: (n_modes,) zeta of each mode, or one number for all.
-        drive: name of the sensor at which the force acts.
-        shaker: None for a force that acts directly; otherwise the feedback moves its armature, and the force is that in
-            its stinger. Its amplifier is taken as linear.
-
-    Raises:
-        InputError: counts that do not match, damping that is not positive, an unknown sensor, or a shaker that
-            distorts.
-    """
-
-    system: JointedModes
-    laws: Law | Sequence[Law]
-    damping_ratio: ArrayLike
-    drive: str
-    shaker: Shaker | None = None
-
-    def __post_init__(self) -> None:
-        n_modes = self.system.n_modes
-        damping = np.asarray(self.damping_ratio, dtype=np.float64)
-        if damping.shape not in ((), (n_modes,)) or not ((damping > 0.0) & (damping < 1.0)).all():
-            raise InputError(
-                f"damping_ratio is {self.damping_ratio!r}: give one number between 0 and 1, or {n_modes}, one for each "
-                "mode"
-            )
-        laws_of_joints(self.laws, self.system)
-        self.system.sensor(self.drive)
-        if self.shaker is not None and self.shaker.second_harmonic:
-            raise InputError("the shaker distorts: the feedback takes it as linear, set its second_harmonic to 0")
-
-    @property
-    def joint_laws(self) -> tuple[Law, ...]:
-        """One law for each joint."""
-        return laws_of_joints(self.laws, self.system)
-
-    @property
-    def zeta(self) -> FloatArray:
-        """(n_modes,) damping ratios."""
-        return np.broadcast_to(np.asarray(self.damping_ratio, dtype=np.float64), (self.system.n_modes,))
-
-    @property
-    def modal_damping(self) -> FloatArray:
-        """(n_modes,) 2 zeta_i omega_i, 1/s."""
-        return 2.0 * self.zeta * np.sqrt(np.maximum(self.system.eigenvalue, 0.0))
-
-    def find_linear_response(self, frequency_hz: ArrayLike) -> ComplexArray:
-        """Return the modal coordinates for a unit force at small motions, (..., n_modes), for frequencies (...)."""
-        omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64)[..., None]
-        receptance = 1.0 / (self.system.eigenvalue - omega**2 + 1j * omega * self.modal_damping)
-        slow = np.array([law.force(0.0, _SLOW) / _SLOW for law in self.joint_laws])
-        damped = np.flatnonzero(slow)
-        free = np.asarray(receptance * self.drive_row, dtype=np.complex128)
-        if not damped.size:
-            return free
-        # The dampers of the joints pull back on the motion of the modes without them.
-        psi = self.system.at_joints[damped]
-        between = np.einsum("ji,...i,ki->...jk", psi, receptance, psi)
-        resisting = 1j * omega[..., None] * slow[damped][:, None]
-        pulled = resisting * (free @ psi.T)[..., None]
-        force = np.linalg.solve(np.eye(damped.size) + resisting * between, pulled)
-        return np.asarray(free - receptance * (force[..., 0] @ psi), dtype=np.complex128)
-
-    @property
-    def drive_row(self) -> FloatArray:
-        """(n_modes,) motion of the drive point for a unit of each modal coordinate, kg^-1/2."""
-        return self.system.at_sensors[self.system.sensor(self.drive)]
+_Prescribed = Literal["amplitude", "force_n", "phase_error_rad"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +136,7 @@ def quadrature_curve(
     sensor: str,
     controlled_sensor: str,
     amplitude: ArrayLike,
-    harmonics: Sequence[int] = (1, 3, 5, 7),
+    harmonics: Sequence[int] = HARMONICS,
     widest_fraction: float = 0.03,
 ) -> MeasuredCurve:
     """Return the curve to which single-point forcing tends, by harmonic balance, without simulating a measurement.
@@ -233,54 +164,74 @@ def quadrature_curve(
             or a mode in which the drive point or the controlled sensor does not move.
     """
     wanted = require_growing_amplitudes(amplitude)
+    balance, branch = begin_curve(specimen, mode, (sensor, controlled_sensor), harmonics, widest_fraction)
+    if branch is None:
+        here = replace(balance, amplitude=float(wanted[0]))
+        levels = [here.make_level(here.linear_motion(), here.say_miss(1.0, widest_fraction))]
+    else:
+        levels, _ = sweep(balance, branch, "amplitude", wanted, widest_fraction)
+    return MeasuredCurve(mode, sensor, controlled_sensor, specimen.system.sensors, tuple(levels))
+
+
+def begin_curve(
+    specimen: Specimen, mode: int, sensors: tuple[str, str], harmonics: Sequence[int], widest_fraction: float
+) -> tuple[_Balance, _Branch | None]:
+    """Return the equations at zero amplitude with their solution; None where the linear sensor has no quadrature."""
     numbers = tuple(sorted({int(number) for number in harmonics}))
     if 1 not in numbers or numbers[0] < 0:
         raise InputError(f"harmonics are {tuple(harmonics)}: give whole numbers from 0 on, with 1 among them")
-    _, force_n = solve_linear_start(specimen, mode, controlled_sensor)
+    _, force_n_per_m = solve_linear_start(specimen, mode, sensors[1])
     system = specimen.system
-    columns = system.sensor(sensor), system.sensor(controlled_sensor)
+    columns = system.sensor(sensors[0]), system.sensor(sensors[1])
     linear_hz = float(system.frequency_hz[system.index(mode)])
     found = _find_linear_quadrature(specimen, linear_hz, columns[0], widest_fraction)
-    balance = _Balance(specimen, numbers, columns, 0.0, found or linear_hz, force_n)
-    branch = _Branch(0.0, balance.linear_motion())
-    last, levels = 1.0, []
-    for a in map(float, wanted):
-        followed = _follow(balance, branch, a) if found else None
-        branch, here = followed or branch, replace(balance, amplitude=a)
-        _, ratio, force = here.unpack(branch.x)
-        if followed is None or abs(ratio / last - 1.0) > widest_fraction or force <= 0.0:
-            near_hz = last * balance.frequency_hz
-            reason = f"{sensor!r} does not reach quadrature within {widest_fraction:.0%} of {near_hz:.3f} Hz"
-            levels.append(here.make_level(branch.x, numbers, reason))
-            break
-        last = ratio
-        levels.append(here.make_level(branch.x, numbers, ""))
-    return MeasuredCurve(mode, sensor, controlled_sensor, system.sensors, tuple(levels))
+    balance = _Balance(specimen, numbers, columns, found or linear_hz, force_n_per_m)
+    return balance, _Branch(0.0, balance.linear_motion()) if found else None
 
 
 @dataclass(frozen=True, eq=False)
 class _Branch:
-    """A solution x at one amplitude, m, and its slope over the amplitude, 1/m."""
+    """A solution x at one value of what is prescribed, in its unit, and its slope over it."""
 
-    amplitude: float
+    at: float
     x: FloatArray
     slope: FloatArray | float = 0.0
 
 
-def _follow(balance: _Balance, branch: _Branch, amplitude: float) -> _Branch | None:
-    """Return the solution at a larger amplitude on the same branch, by secants; None where it cannot be found."""
-    goal = amplitude
-    while branch.amplitude < amplitude:
-        step = goal - branch.amplitude
+def sweep(
+    balance: _Balance, branch: _Branch, name: _Prescribed, values: FloatArray, widest_fraction: float
+) -> tuple[list[ContinuationLevel], _Branch]:
+    """Return a level for each value of what is prescribed, and the last solution; a level that fails is the last."""
+    last, levels = float(branch.x[-2]), []
+    for value in map(float, values):
+        followed = _follow(balance, branch, name, value)
+        branch, here = followed or branch, balance.prescribe(name, value)
+        _, ratio, force = here.unpack(branch.x)
+        is_lost = followed is None or abs(ratio / last - 1.0) > widest_fraction or force <= 0.0
+        levels.append(here.make_level(branch.x, here.say_miss(last, widest_fraction) if is_lost else ""))
+        if is_lost:
+            break
+        last = ratio
+    return levels, branch
+
+
+def _follow(balance: _Balance, branch: _Branch, name: _Prescribed, value: float) -> _Branch | None:
+    """Return the solution at a value that is farther from 0 on the same branch, by secants; None where there is none.
+
+    `name` is that of the field of the balance to which the value belongs.
+    """
+    goal = value
+    while branch.at != value:
+        step = goal - branch.at
         predicted = branch.x + step * branch.slope
-        there = replace(balance, amplitude=goal)
-        x = np.asarray(optimize.root(there.residual, predicted, tol=1e-12).x)
-        off = np.abs(x - predicted)[:-2].max() / np.abs(predicted[:-2]).max()
+        there = balance.prescribe(name, goal)
+        x = np.asarray(optimize.root(there.residual, predicted, jac=there.find_slopes, tol=1e-12).x)
+        off = max(np.abs(x - predicted)[:-2].max() / np.abs(predicted[:-2]).max(), abs(x[-2] / predicted[-2] - 1.0))
         # A sensor may have two quadratures close to each other: a solution far from the prediction is the other one.
         if np.abs(there.residual(x)).max() < 1e-8 and off < _FROM_PREDICTION:
-            branch, goal = _Branch(goal, x, (x - branch.x) / step), amplitude
-        elif step > _LEAST_STEP * amplitude:
-            goal = branch.amplitude + 0.5 * step
+            branch, goal = _Branch(goal, x, (x - branch.x) / step), value
+        elif abs(step) > _LEAST_STEP * abs(value):
+            goal = branch.at + 0.5 * step
         else:
             return None
     return branch
@@ -315,35 +266,26 @@ def require_growing_amplitudes(amplitude: ArrayLike) -> FloatArray:
     return wanted
 
 
-def solve_linear_start(specimen: Specimen, mode: int, controlled_sensor: str) -> tuple[FloatArray, float]:
-    """Return the extension of each joint of `specimen` and the force, N, for 1 m at `controlled_sensor`, linearly.
-
-    Raises:
-        InputError: no such mode or sensor, or one of rigid motion, or one without motion there or at the drive point.
-    """
-    system, column = specimen.system, specimen.system.index(mode)
-    row, drive = system.at_sensors[system.sensor(controlled_sensor), column], specimen.drive_row[column]
-    eigenvalue = system.eigenvalue[column]
-    if eigenvalue <= 0.0:
-        raise InputError(f"mode {mode} has {system.frequency_hz[column]:g} Hz: give the number of an elastic mode")
-    largest = np.abs(system.at_sensors[:, column]).max()
-    for name, value in ((controlled_sensor, row), (specimen.drive, drive)):
-        if abs(value) <= 1e-9 * largest:
-            raise InputError(f"the sensor {name!r} does not move in mode {mode}: take another one")
-    force = specimen.modal_damping[column] * np.sqrt(eigenvalue) / abs(row * drive)
-    return system.at_joints[:, column] / abs(row) * np.sign(drive), float(force)
-
-
 @dataclass(frozen=True, eq=False)
 class _Balance:
-    """The equations of one level; unknowns are scaled by the amplitude, a frequency, and the force for 1 m, N/m."""
+    """The equations of one level; unknowns are scaled by the amplitude, a frequency, and the force for 1 m, N/m.
+
+    The amplitude is prescribed, unless the force is: the force over the amplitude is unknown in both cases.
+    """
 
     specimen: Specimen
     numbers: tuple[int, ...]
-    columns: tuple[int, int]
-    amplitude: float
+    columns: tuple[int, int]  # of the sensor whose phase is prescribed, and of that whose amplitude is
     frequency_hz: float
     force_n_per_m: float
+    amplitude: float = 0.0
+    force_n: float | None = None
+    phase_error_rad: float = 0.0  # off quadrature, see `find_quadrature_error`
+
+    def prescribe(self, name: _Prescribed, value: float) -> _Balance:
+        """Return the equations with another value of what is prescribed."""
+        changed: dict[str, Any] = {name: value}
+        return replace(self, **changed)
 
     def linear_motion(self) -> FloatArray:
         """Return the unknowns in the limit of zero amplitude, where only the force moves the structure."""
@@ -358,43 +300,95 @@ class _Balance:
         parts = x[:-2].reshape(2, len(self.numbers), -1)
         return parts[0] + 1j * parts[1], float(x[-2]), float(x[-1])
 
+    def find_amplitude(self, x: FloatArray) -> float:
+        """Return the amplitude of the controlled sensor, m."""
+        return self.amplitude if self.force_n is None else self.force_n / (float(x[-1]) * self.force_n_per_m)
+
     def motion(self, x: FloatArray) -> tuple[ComplexArray, ComplexArray, float]:
         """Return the misfit of the joints (n_harmonics, n_joints) and the sensors (n_harmonics, n_sensors), over A."""
-        z, ratio, force = self.unpack(x)
-        system, specimen = self.specimen.system, self.specimen
-        omega = 2.0 * np.pi * self.frequency_hz * ratio * np.array(self.numbers)[:, None]
-        held = self._transform_joint_force(self.amplitude * z, omega[:, 0])
-        modal = -held @ system.at_joints
-        force *= self.force_n_per_m * self.amplitude
-        modal[self.numbers.index(1)] += force * specimen.drive_row
-        q = modal / (system.eigenvalue - omega**2 + 1j * omega * specimen.modal_damping) / self.amplitude
+        z, _, stiffness = self.unpack(x)
+        system, q = self.specimen.system, self._find_coordinates(x)
+        force = stiffness * self.force_n_per_m * self.find_amplitude(x)
         return z - q @ system.at_joints.T, q @ system.at_sensors.T, force
 
-    def _transform_joint_force(self, z: ComplexArray, omega: FloatArray) -> ComplexArray:
-        """Return harmonics of the joints' forces, (n_harmonics, n_joints), by sampling one period."""
-        angle = np.outer(np.arange(_SAMPLES) * (2.0 * np.pi / _SAMPLES), self.numbers)
-        wave = np.exp(1j * angle)
-        extension, rate = (wave @ z).real, (wave @ (1j * omega[:, None] * z)).real
-        force = np.column_stack(
-            [law.force(extension[:, k], rate[:, k]) for k, law in enumerate(self.specimen.joint_laws)]
-        )
-        weight = np.where(np.array(self.numbers) == 0, 1.0, 2.0) / _SAMPLES
-        return np.asarray(weight[:, None] * (wave.conj().T @ force), dtype=np.complex128)
+    def _find_coordinates(self, x: FloatArray) -> ComplexArray:
+        """Return the modal coordinates over A, (n_harmonics, n_modes)."""
+        held = self._find_joint_motion(x)
+        force = np.empty_like(held[0])
+        for law, joints in self.specimen.joints_of_laws.items():
+            force[:, joints] = law.force(held[0][:, joints], held[1][:, joints])
+        modal = -(_make_waves(self.numbers)[1] @ force) @ self.specimen.system.at_joints / self.find_amplitude(x)
+        modal[self.numbers.index(1)] += float(x[-1]) * self.force_n_per_m * self.specimen.drive_row
+        return np.asarray(modal / self._find_stiffness(x), dtype=np.complex128)
+
+    def _find_joint_motion(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the extensions of the joints, m, and their rates, m/s, over a period, (n_samples, n_joints) each."""
+        z, wave = self.find_amplitude(x) * self.unpack(x)[0], _make_waves(self.numbers)[0]
+        return (wave @ z).real, (wave @ (1j * self._find_omega(x) * z)).real
+
+    def _find_omega(self, x: FloatArray) -> FloatArray:
+        return 2.0 * np.pi * self.frequency_hz * float(x[-2]) * np.array(self.numbers)[:, None]
+
+    def _find_stiffness(self, x: FloatArray) -> ComplexArray:
+        """Return the dynamic stiffness of the modes, (n_harmonics, n_modes), 1/s^2."""
+        omega = self._find_omega(x)
+        return np.asarray(self.specimen.system.eigenvalue - omega**2 + 1j * omega * self.specimen.modal_damping)
+
+    def find_slopes(self, x: FloatArray) -> FloatArray:
+        """Return the derivatives of `residual` by each unknown, (n_unknowns, n_unknowns), with those in the columns."""
+        (z, ratio, stiffness), q, system = self.unpack(x), self._find_coordinates(x), self.specimen.system
+        (wave, weight), amplitude, omega = _make_waves(self.numbers), self.find_amplitude(x), self._find_omega(x)
+        held, dynamic, first = self._find_joint_motion(x), self._find_stiffness(x), self.numbers.index(1)
+        by_extension, by_rate = np.empty((2, *held[0].shape))
+        for law, joints in self.specimen.joints_of_laws.items():
+            by_extension[:, joints], by_rate[:, joints] = law.gradient(held[0][:, joints], held[1][:, joints])
+        # The first axis of what follows has an entry for each unknown.
+        parts = np.eye(x.size)[:, :-2].reshape(-1, 2, *z.shape)
+        by_z = parts[:, 0] + 1j * parts[:, 1]
+        moved = amplitude * by_z
+        if self.force_n is not None:
+            moved[-1] = -amplitude / stiffness * z
+        turned = 1j * omega * moved
+        turned[-2] = 1j * omega / ratio * amplitude * z
+        force = weight @ (by_extension * (wave @ moved).real + by_rate * (wave @ turned).real)
+        by_modal = -force @ system.at_joints / amplitude
+        by_modal[-2] -= q * (-2.0 * omega + 1j * self.specimen.modal_damping) * omega / ratio
+        if self.force_n is None:
+            by_modal[-1, first] += self.force_n_per_m * self.specimen.drive_row
+        else:
+            by_modal[-1] += q * dynamic / stiffness
+        by_q = by_modal / dynamic
+        misfit = (by_z - by_q @ system.at_joints.T).reshape(x.size, -1)
+        shapes = system.at_sensors[[*self.columns]]
+        phased, controlled = shapes @ q[first]
+        by_phased, by_controlled = shapes @ by_q[:, first].T
+        turn = np.exp(-1j * self.phase_error_rad)
+        grown = (by_controlled * np.conj(controlled)).real / np.abs(controlled)
+        across = (by_phased * turn).real - (phased * turn).real * (by_phased / phased).real
+        return np.vstack([misfit.real.T, misfit.imag.T, grown, across / np.abs(phased)])
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """Return the (n_unknowns,) values of the equations, all zero at quadrature."""
+        """Return the (n_unknowns,) values of the equations, all zero at the phase and the amplitude or force."""
         misfit, sensors, _ = self.motion(x)
         first = sensors[self.numbers.index(1)]
-        held, quadrature = np.abs(first[self.columns[1]]), first[self.columns[0]].real
-        size = max(abs(first[self.columns[0]]), 1e-12)
-        return np.concatenate([misfit.real.ravel(), misfit.imag.ravel(), [held - 1.0, quadrature / size]])
+        held, turned = np.abs(first[self.columns[1]]), first[self.columns[0]] * np.exp(-1j * self.phase_error_rad)
+        size = max(abs(turned), 1e-12)
+        return np.concatenate([misfit.real.ravel(), misfit.imag.ravel(), [held - 1.0, turned.real / size]])
 
-    def make_level(self, x: FloatArray, numbers: tuple[int, ...], reason: str) -> ContinuationLevel:
+    def say_miss(self, ratio: float, widest_fraction: float) -> str:
+        """Return the clause on a phase that is not reached near a frequency, over its scale."""
+        sensor, near_hz = self.specimen.system.sensors[self.columns[0]], ratio * self.frequency_hz
+        lag = 90.0 - np.degrees(self.phase_error_rad)
+        phase = f"a lag of {lag:.3g} degrees" if self.phase_error_rad else "quadrature"
+        within = f"within {widest_fraction:.0%} of" if np.isfinite(widest_fraction) else "beyond"
+        return f"{sensor!r} does not reach {phase} {within} {near_hz:.3f} Hz"
+
+    def make_level(self, x: FloatArray, reason: str) -> ContinuationLevel:
         """Return the record of a solution."""
         _, sensors, force = self.motion(x)
-        kept = max(numbers)
+        kept = max(self.numbers)
         displacement = np.zeros((sensors.shape[1], kept), dtype=complex)
-        for number, row in zip(numbers, self.amplitude * sensors, strict=True):
+        for number, row in zip(self.numbers, self.find_amplitude(x) * sensors, strict=True):
             if number:
                 displacement[:, number - 1] = row
         forces = np.zeros(kept, dtype=complex)
@@ -402,6 +396,14 @@ class _Balance:
         error = find_quadrature_error(forces[0], displacement[self.columns[0], 0])
         frequency = self.frequency_hz * self.unpack(x)[1]
         return ContinuationLevel(frequency, forces, displacement, error, 0.0, not reason, 1, 0, reason)
+
+
+@cache
+def _make_waves(numbers: tuple[int, ...]) -> tuple[ComplexArray, ComplexArray]:
+    """Return what takes harmonics to the samples of a period, and what takes real samples to harmonics."""
+    wave = np.exp(1j * np.outer(np.arange(_SAMPLES) * (2.0 * np.pi / _SAMPLES), numbers))
+    weight = np.where(np.array(numbers) == 0, 1.0, 2.0)[:, None] / _SAMPLES
+    return np.asarray(wave, dtype=np.complex128), np.asarray(weight * wave.conj().T, dtype=np.complex128)
 
 
 def find_quadrature_error(force: complex, displacement: complex) -> float:

@@ -307,7 +307,7 @@ class ClassSolver:
         Both have the shape (n, n_points).
         """
         springs, dampers = self._place_terms(theta)
-        ratio = self._find_ratio(theta)
+        ratio = self.find_ratio(theta)
         if self.data.structure is None:
             return find_loss(found, self.evaluate.system, springs, dampers, ratio)
         rows: list[tuple[FloatArray, FloatArray]] = []
@@ -333,7 +333,7 @@ class ClassSolver:
         n_springs = len(self.model_class.springs)
         return placed[:n_springs], placed[n_springs:]
 
-    def _find_ratio(self, theta: FloatArray) -> FloatArray:
+    def find_ratio(self, theta: FloatArray) -> FloatArray:
         """Return the damping ratio of the modes for each row of theta, (n,)."""
         mode, first = self.evaluate.mode, len(self.model_class.law_parameters)
         for number, each in enumerate(self.model_class.ratios, start=first):

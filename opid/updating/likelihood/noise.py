@@ -282,13 +282,14 @@ def log_marginal_slopes(noise: CurveNoise, model: FloatArray) -> tuple[FloatArra
     return density, -np.einsum("kj,nck->njc", noise.model, by_left)
 
 
-def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: np.random.Generator) -> FloatArray:
+def draw_errors(
+    noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: np.random.Generator, *, has_noise: bool = True
+) -> FloatArray:
     """Return errors of a further curve given the measured ones, (n, n_new, n_channels).
 
     For each row of the model, (n, n_nodes, n_channels), a ratio, a noise level and the common errors of each channel
-    are drawn from their posterior, then the offsets of a new curve and of its day, and the noise of its points. The
-    errors are to be
-    added to the model's values where its growth is h, (n, n_new).
+    are drawn from their posterior, then the offsets of a new curve and of its day and, if it has noise, that of its
+    points. The errors are to be added to the model's values where its growth is h, (n, n_new).
     """
     each, common, rate = _weigh_ratios(noise, model)
     ratio = np.argmax(each + rng.gumbel(size=each.shape), axis=2)
@@ -302,7 +303,7 @@ def draw_errors(noise: CurveNoise, model: FloatArray, growth: FloatArray, rng: n
     sigma = np.sqrt(sigma2)
     offset = sigma * RATIOS[ratio] * rng.standard_normal(ratio.shape)
     slope = noise.own_growth * sigma * rng.standard_normal(ratio.shape)
-    points = sigma[:, np.newaxis] * rng.standard_normal((*growth.shape, ratio.shape[1]))
+    points = has_noise * sigma[:, np.newaxis] * rng.standard_normal((*growth.shape, ratio.shape[1]))
     centred = growth - growth.mean(axis=1, keepdims=True)
     n_contrasts = noise.days.contrasts.shape[1]
     known = noise.patterns[: len(noise.patterns) - n_contrasts, np.argsort(noise.patterns[0])]

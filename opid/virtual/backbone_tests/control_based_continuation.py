@@ -14,11 +14,10 @@ from opid.errors import InputError
 from opid.mechanics.backbones.quadrature_curves import (
     ContinuationLevel,
     MeasuredCurve,
-    Specimen,
     find_quadrature_error,
     require_growing_amplitudes,
-    solve_linear_start,
 )
+from opid.mechanics.backbones.specimen import Specimen, solve_linear_start
 from opid.mechanics.response import State, state_at
 from opid.mechanics.structure import ComplexArray
 from opid.virtual.backbone_tests.shaker_feedback import (

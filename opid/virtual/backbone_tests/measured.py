@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from opid.errors import InputError, NotDeterminedError
 from opid.mechanics.backbones.family import Backbone, backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, Specimen
+from opid.mechanics.backbones.quadrature_curves import MeasuredCurve
+from opid.mechanics.backbones.specimen import Specimen
 from opid.signals.recording import FloatArray
 from opid.updating.measured import LEAST_POINTS, MeasuredBackbone
 from opid.updating.model_class import ModelClass

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import optimize
 
 from opid.errors import InputError
-from opid.mechanics.backbones.quadrature_curves import Specimen
+from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.law import FloatArray
 from opid.mechanics.response import Assembled, State, advance, assemble
 from opid.mechanics.rig import find_harmonics, on_shaker
