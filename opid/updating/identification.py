@@ -18,8 +18,9 @@ from opid.updating.confusion import find_confusion
 from opid.updating.damping_prediction import predict_damping
 from opid.updating.forced_response import predict_responses
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
-from opid.updating.likelihood.error_growth import growth_of_linear_error, with_modal_errors
+from opid.updating.likelihood.error_growth import growth_of_linear_error
 from opid.updating.likelihood.force import force_data
+from opid.updating.likelihood.interactions import adapt_to_class
 from opid.updating.likelihood.linear import LinearErrors, OneCov, OneShapeStd
 from opid.updating.likelihood.noise import UNMENDED_GROWTH
 from opid.updating.linear_updating import update_linear
@@ -304,7 +305,7 @@ def _predict_responses(
     if not wanted:
         return found, warnings
     rng, model_class = np.random.default_rng([study.seed, 7]), best.model_class
-    widened = with_modal_errors(data, model_class, best.best)
+    widened = adapt_to_class(data, model_class, best.best)
     unfit = find_unfit_modes(widened, model_class, best.best)
     for own in filter(None, asked):
         theta = best.samples[rng.integers(len(best.samples), size=n)]
