@@ -350,7 +350,12 @@ def _find_next_neighbour(
     trust = np.exp(reference.log_amplitude[np.minimum(size - 1, np.round(centres * fs).astype(np.int64))])
     # The curve is slow, for one that follows every window would take up the beat with a neighbour.
     degree = min(3, len(windows) // 4)
-    shift = [np.polyval(np.polyfit(centres, each, degree, w=trust), time) for each in (logs.real, logs.imag)]
+    # Where the first reference runs away, hardly any window is trusted: least squares then take the smallest curve.
+    powers, at = (np.vander(each / time[-1], degree + 1) for each in (centres, time))
+    weighed = trust[:, None] * powers
+    unit = np.maximum(np.linalg.norm(weighed, axis=0), 1e-300)
+    slow = [np.linalg.lstsq(weighed / unit, trust * each, rcond=None)[0] for each in (logs.real, logs.imag)]
+    shift = [at @ (each / unit) for each in slow]
     shift[0] = np.clip(shift[0], logs.real.min(), logs.real.max())
     remainder = part - (main * np.exp(shift[0] + 1j * shift[1])).real
     own = float(np.median(reference.omega)) / (2.0 * np.pi)
