@@ -69,6 +69,7 @@ def read_archive(path: Path) -> Archive:
         OSError: the file cannot be read.
 
     >>> import tempfile
+    >>> import numpy as np
     >>> with tempfile.TemporaryDirectory() as directory:
     ...     np.savez(f"{directory}/two.npz", a=[1.0, 2.0], b="text")
     ...     found = read_archive(Path(directory, "two.npz"))
