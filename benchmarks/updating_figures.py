@@ -40,9 +40,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from jointed_systems import CUBIC, two_pylons
 
 from opid.mechanics.backbones.family import backbone
+from opid.mechanics.backbones.forced_curves import forced_curve
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.backbones.quadrature_curves import MeasuredCurve, quadrature_curve
-from opid.mechanics.backbones.response_curves import response_curve
 from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.law import Law, Term
 from opid.updating.identification import update_study
@@ -440,7 +440,7 @@ def forced(seed: int, name: str) -> Figures:
     }
     for each in found.responses:
         force_n = each.force_n * (1 + 0.02 * rng.standard_normal())
-        curve = response_curve(damped_specimen(), mode=each.mode, sensor=CONTROLLED, force_n=force_n, harmonics=(1, 3))
+        curve = forced_curve(damped_specimen(), mode=each.mode, sensor=CONTROLLED, force_n=force_n, harmonics=(1, 3))
         hz, amplitude = curve.resonance
         hz = np.sqrt(hz**2 + shift[each.mode] / (4 * np.pi**2))
         for what, true, estimate in (("frequency", hz, each.peak_hz), ("amplitude", amplitude, each.peak_amplitude)):

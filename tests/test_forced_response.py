@@ -22,7 +22,7 @@ from made_dampers import (
 
 from opid import plots
 from opid.errors import InputError
-from opid.mechanics.backbones.response_curves import response_curve
+from opid.mechanics.backbones.forced_curves import forced_curve
 from opid.report.updating import build_document
 from opid.updating import forced_response, identification
 from opid.updating.identification import update_study
@@ -56,7 +56,7 @@ def largest_force(mode):
 
 
 def true_resonance(response, *dampers):
-    return response_curve(
+    return forced_curve(
         specimen(*dampers), mode=response.mode, sensor=response.sensor, force_n=response.force_n, harmonics=(1, 3)
     ).resonance
 
@@ -81,9 +81,7 @@ def test_the_true_resonance_lies_within_its_intervals():
 
 def test_the_median_curve_is_the_true_one():
     response = found().responses[0]
-    true = response_curve(
-        specimen(*BOTH), mode=1, sensor="tip", force_n=0.4, phases=response.phase_deg, harmonics=(1, 3)
-    )
+    true = forced_curve(specimen(*BOTH), mode=1, sensor="tip", force_n=0.4, phases=response.phase_deg, harmonics=(1, 3))
     np.testing.assert_allclose(response.amplitude, true.amplitude, rtol=0.08)
     np.testing.assert_allclose(response.frequency_hz, true.frequency_hz, rtol=0.01)
     assert np.shape(response.drawn_hz) == np.shape(response.drawn_amplitude) == (30, response.phase_deg.size)
@@ -126,7 +124,7 @@ def test_deviations_are_those_of_a_true_structure_at_a_force_beyond_the_tests():
         ).responses
         assert response.is_extrapolated
         # The further test has another calibration.
-        resonance = response_curve(
+        resonance = forced_curve(
             true, mode=1, sensor="tip", force_n=force_n * (1 + 0.02 * rng.standard_normal()), harmonics=(1, 3)
         ).resonance
         peaks = zip((response.peak_hz, response.peak_amplitude), resonance, strict=True)
@@ -168,7 +166,7 @@ def test_a_mode_without_curves_has_the_stated_error_of_the_structure():
 
 
 def test_draws_without_a_resonance_leave_no_interval(monkeypatch):
-    made, calls = forced_response.response_curve, []
+    made, calls = forced_response.forced_curve, []
 
     def failing(*args, **changes):
         calls.append(1)
@@ -176,7 +174,7 @@ def test_draws_without_a_resonance_leave_no_interval(monkeypatch):
             raise forced_response.NotDeterminedError("lost")
         return made(*args, **changes)
 
-    monkeypatch.setattr(forced_response, "response_curve", failing)
+    monkeypatch.setattr(forced_response, "forced_curve", failing)
     some = update_study(ask(wanted()))
     assert some.responses[0].peak_hz.interval95 is None
     assert some.responses[0].peak_hz.value is not None

@@ -6,13 +6,13 @@ from .backbones.family import (
     backbone as backbone,
     family_evaluator as family_evaluator,
 )
+from .backbones.forced_curves import ForcedCurve as ForcedCurve, forced_curve as forced_curve
 from .backbones.harmonic_balance import first_harmonic_factor as first_harmonic_factor
 from .backbones.jointed_modes import (
     JointedModes as JointedModes,
     jointed_modes as jointed_modes,
 )
 from .backbones.quadrature_curves import MeasuredCurve as MeasuredCurve, quadrature_curve as quadrature_curve
-from .backbones.response_curves import ResponseCurve as ResponseCurve, response_curve as response_curve
 from .backbones.specimen import Specimen as Specimen
 from .driven import (
     Interface as Interface,

@@ -9,7 +9,7 @@ import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
-from opid.mechanics.backbones.response_curves import ResponseCurve, response_curve
+from opid.mechanics.backbones.forced_curves import ForcedCurve, forced_curve
 from opid.mechanics.backbones.specimen import Specimen
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, ModeData
@@ -100,7 +100,7 @@ class _Shaken:
         mode = self.wanted.mode if self.curves is None else self.curves
         return make_solver(self.data, self.model_class, mode, self.controlled, amplitude)
 
-    def solve(self, theta: FloatArray, ratio: float, force_n: float) -> ResponseCurve | None:
+    def solve(self, theta: FloatArray, ratio: float, force_n: float) -> ForcedCurve | None:
         """Return the response for one theta, (n_parameters,); None where there is none."""
         data, wanted = self.data, self.wanted
         system = data.system
@@ -111,7 +111,7 @@ class _Shaken:
             system = find_met_modes(data, self.curves).remove_from(system)
         laws = tuple(self.model_class.laws(system.joints, theta).values())
         try:
-            return response_curve(
+            return forced_curve(
                 Specimen(system, laws, ratio, wanted.drive), mode=wanted.mode, sensor=wanted.seen_at, force_n=force_n,
                 phases=_PHASES, harmonics=data.harmonics,
             )  # fmt: skip

@@ -19,7 +19,7 @@ _N_RISING = 8
 
 
 @dataclass(frozen=True, eq=False)
-class ResponseCurve:
+class ForcedCurve:
     """What a force of one amplitude makes of a mode, by the phase of one sensor.
 
     Over the frequency the curve of a nonlinear mode may turn back, over the phase it does not.
@@ -76,7 +76,7 @@ class ResponseCurve:
         return float(np.polyval(curved[:, 1], at)), float(np.polyval(curved[:, 0], at))
 
 
-def response_curve(
+def forced_curve(
     specimen: Specimen,
     *,
     mode: int,
@@ -85,7 +85,7 @@ def response_curve(
     phases: ArrayLike = tuple(range(5, 180, 5)),
     harmonics: Sequence[int] = HARMONICS,
     widest_fraction: float = 0.03,
-) -> ResponseCurve:
+) -> ForcedCurve:
     """Return the steady response to a force of one amplitude near a mode, by harmonic balance.
 
     The equations are those of `quadrature_curve`, with Re(X_s1 exp(-j e)) = 0 for a phase e off quadrature, and with
@@ -127,7 +127,7 @@ def response_curve(
         sides.append(swept)
     missed = [side.pop().reason for side in sides if side and side[-1].reason]
     every = (*reversed(sides[0]), levels[-1], *sides[1])
-    return ResponseCurve(mode, sensor, float(force_n), specimen.system.sensors, every, "; ".join(missed))
+    return ForcedCurve(mode, sensor, float(force_n), specimen.system.sensors, every, "; ".join(missed))
 
 
 def _split_phases(phases: ArrayLike) -> tuple[FloatArray, FloatArray]:
