@@ -10,6 +10,7 @@ import numpy as np
 
 from opid.errors import NotDeterminedError
 from opid.estimate import Estimate
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.modal.decay.form_fit import AT_EDGE, FormFit
 from opid.modal.decay.forms import DecayProblem, FittedForms
 from opid.modal.decay.law import DecayLaw, withhold_intervals
@@ -87,19 +88,25 @@ def _find_joint_error(best: FormFit, curves: _LawCurves, lowest: float) -> Float
         softened = of_curves * float(joint.find_softening(np.array([lowest]))[0])
         errors[k0] = np.hypot(softened, MODAL.rest_error * find_rest_stiffness(joint.kind, joint.values))
         errors[c0] = of_curves * abs(best.vector[c0])
+        # Each higher power of damping may take the part of the joint's loss that is off, at the largest motion.
+        lost = of_curves * float(joint.find_damping(np.ones(1))[0])
+        powers = np.arange(2, best.form.damping_order + 1)
+        errors[c0 + 1 : c0 + powers.size + 1] = lost / first_harmonic_factor(powers)
     return float(np.max(0.5 * curves.damping / curves.natural)) * errors
 
 
 def _widen_curves(best: FormFit, curves: _LawCurves) -> _LawCurves:
     """Return the curves of a law with what the slow flow leaves uncertain of a named joint.
 
-    So do the bands hold the curves of steady cycles, which differ by what a falling amplitude changes.
+    So do the bands hold the curves of steady cycles, which differ by what a falling amplitude changes in a joint with
+    memory.
     """
-    if best.form.memory is None or best.form.memory.is_slip:
+    if best.form.memory is None:
         return curves
     joint = best.form.split(best.vector)[2]
     ratio = 0.5 * curves.damping / curves.natural
-    error, change = MODAL.joint_error[1] * float(np.max(ratio)), ratio * find_joint_fall(joint, curves.level)
+    error = 0.0 if best.form.memory.is_slip else MODAL.joint_error[1] * float(np.max(ratio))
+    change = ratio * find_joint_fall(joint, curves.level)
     square = np.hypot(error * joint.find_softening(curves.level), change.real)
     damping = np.hypot(error * curves.damping, change.imag / curves.natural)
     return replace(

@@ -112,8 +112,8 @@ def fit_decays(
             fitted = _fit_named_joint(problem, friction, memory)
         else:
             free = None if damping_order is None else False
-            asked = (free if each is None else each for each in (friction, memory))
-            fitted = _fit_what_is_asked(problem, *asked)
+            asked = [free if each is None else each for each in (friction, memory)]
+            fitted = _add_terms_beside_friction(problem, _fit_what_is_asked(problem, *asked), *asked)
             if {stiffness_order, damping_order, friction, memory} == {None}:
                 fitted = _prefer_joint(problem, fitted)
     except NotDeterminedError:
@@ -148,6 +148,28 @@ def _fit_what_is_asked(problem: DecayProblem, friction: bool | None, memory: boo
             + "; record with less noise or a stronger impact",
         ),
     )
+
+
+def _add_terms_beside_friction(
+    problem: DecayProblem, fitted: FittedForms, friction: bool | None, memory: bool | None
+) -> FittedForms:
+    """Return a law with terms of damping beside friction, where only they explain the decays within their noise.
+
+    Few windows hardly tell such terms from friction, so that they are not tried first (`windows_per_term`).
+    """
+    best = fitted.best
+    if friction is False or problem.damping_order is not None or not problem.find_unexplained(best):
+        return fitted
+    try:
+        forms = problem.search_forms(True, memory, may_imitate=True)
+    except NotDeterminedError:
+        return fitted
+    n_windows = problem.n_data // 2
+    found = try_forms(problem, [each for each in forms if each[0].is_imitated_by_friction(n_windows)]).fits
+    found = [fit for fit in found if not (problem.find_unexplained(fit) or fit.is_at_edge or fit.is_active)]
+    if not found or float(problem.score([best, *found])[0]) <= MODAL.decisive:
+        return fitted
+    return FittedForms(weigh_fits(problem, [*found, *(fit for fit, _ in fitted.fits)]), False, ())
 
 
 def _fit_named_joint(problem: DecayProblem, friction: bool | None, memory: str) -> FittedForms:

@@ -39,7 +39,7 @@ class DecayProblem:
         return max(0.0, 1.0 - explained / max(fit.misfit**2, explained))
 
     def search_forms(
-        self, friction: bool | None, memory: bool | str | JointKind | None
+        self, friction: bool | None, memory: bool | str | JointKind | None, *, may_imitate: bool = False
     ) -> list[tuple[LawForm, FloatArray]]:
         """Return forms of the orders that are asked for, with or without a joint, as `search_forms` does."""
         return search_forms(
@@ -48,6 +48,7 @@ class DecayProblem:
             damping_order=self.damping_order,
             friction=friction,
             memory=memory,
+            may_imitate=may_imitate,
         )
 
     def fit(self, form: LawForm, guess: FloatArray) -> FormFit:

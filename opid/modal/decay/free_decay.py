@@ -15,7 +15,7 @@ from opid.json_values import plain
 from opid.mechanics.laws.law import Law
 from opid.modal.decay.fit import find_backbone, fit_decays
 from opid.modal.decay.law import CloseModesError, DecayLaw
-from opid.modal.decay.slow_flow import CloseModes
+from opid.modal.decay.slow_flow import CloseModes, find_joint_fall
 from opid.modal.decay.stretch import ActingForce, Beginning, Stretch, find_free_part, find_hum, find_stretch
 from opid.modal.decay.track import Track, track_decay, widen_by_hum
 from opid.modal.forced.mode_tests import ShapeCheck, check_shapes
@@ -415,8 +415,9 @@ def _find_curves(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return amplitude, natural frequency, its standard deviation, damping and its, as `find_backbone`, (n,) each.
 
-    The standard deviations contain the gain of the amplitude. Where no law holds they contain the scatter about a
-    smooth curve, too, and where two close modes may make the curves, the distance from their values.
+    The standard deviations contain the gain of the amplitude, and what a falling amplitude changes in a joint of the
+    law, for steady cycles have other curves. Where no law holds they contain the scatter about a smooth curve, too, and
+    where two close modes may make the curves, the distance from their values.
     """
     amplitude, natural, natural_std, damping, damping_std = find_backbone(track, derivative)
     logs = np.log(amplitude)
@@ -434,6 +435,9 @@ def _find_curves(
                 np.array([max(float(np.mean(squares[max(0, k - 3) : k + 4])), 1.0) for k in range(values.size)]) ** 0.5
             )
         stds.append(np.hypot(wider * std, gain_std * np.polyval(np.polyder(curve), logs)))
+    if law is not None:
+        fall = 0.5 * damping / natural * find_joint_fall(law.joint.terms, amplitude)
+        stds = [np.hypot(stds[0], 0.5 * fall.real / natural), np.hypot(stds[1], fall.imag / natural)]
     if close is not None:
         of_natural, of_rate = close.measure_distance(natural, 0.5 * damping)
         stds = [np.hypot(stds[0], of_natural), np.hypot(stds[1], 2.0 * of_rate)]

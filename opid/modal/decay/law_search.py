@@ -62,9 +62,10 @@ class LawForm:
         return MODAL.joint_evidence * (self.has_friction + (self.memory is not None)) + MODAL.power_evidence * powers
 
     def is_imitated_by_friction(self, n_windows: int) -> bool:
-        """Whether so few windows cannot tell friction from the powers of damping beside it."""
-        n_terms = self.damping_order + self.has_friction
-        return self.has_friction and self.damping_order > 1 and n_windows < MODAL.windows_per_term * n_terms
+        """Whether so few windows cannot tell friction from the powers of damping, or the slip, beside it."""
+        n_terms = self.damping_order + self.has_friction + self.n_memory
+        is_alone = self.damping_order == 1 and self.memory is None
+        return self.has_friction and not is_alone and n_windows < MODAL.windows_per_term * n_terms
 
     def is_possible(self, vector: FloatArray) -> bool:
         """Whether joints take energy out, slip needs no endless force, and there is stiffness at rest."""
@@ -118,10 +119,12 @@ def search_forms(
     damping_order: int | None,
     friction: bool | None,
     memory: bool | str | JointKind | None,
+    may_imitate: bool = False,
 ) -> list[tuple[LawForm, FloatArray]]:
     """Return the forms worth a closer look, the likeliest first, and the start values of each.
 
     Where an order, the friction or the memory is None, all are tried; the memory is one of those of `read_memory`.
+    Friction beside terms that few windows cannot tell from it is left out, unless `may_imitate`.
 
     Raises:
         InputError: a memory that is no kind of joint.
@@ -132,7 +135,7 @@ def search_forms(
     tries: list[_Try] = []
     for (n_k, n_c), (has_friction, own) in product(product(*orders), product(*joints)):
         form = LawForm(n_k, n_c, has_friction, own)
-        if damping_order is None and form.is_imitated_by_friction(seen.level.size):
+        if damping_order is None and not may_imitate and form.is_imitated_by_friction(seen.level.size):
             continue
         if max(form.stiffness_order, form.damping_order + form.has_friction) + form.n_memory < seen.level.size - 1:
             tries += [each for each in _try_form(form, seen) if form.is_possible(each.vector)]

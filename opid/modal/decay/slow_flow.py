@@ -14,6 +14,7 @@ a tenth of the loss.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import product
@@ -55,8 +56,8 @@ def solve_slow_flow(
     k = (k0, k_2, ...) belongs to q|q|^(n-1), c = (c0, c_2, ...) to q'|q'|^(n-1). What the joint adds is averaged over a
     cycle of the fundamental. Dry friction has one more term of second order: between two reversals the motion is the
     undisturbed one about the offset F / k0, and the fundamental of these pieces lags by 3 F / (pi k0 A), which grows as
-    the amplitude falls. The loops of a named joint do not close while the amplitude falls, which changes its force by
-    as much as the amplitude falls in a radian (`find_fall`).
+    the amplitude falls. The loops of a joint with memory do not close while the amplitude falls, which changes its
+    force by as much as the amplitude falls in a radian (`find_fall`).
 
     >>> flow = solve_slow_flow(np.array([1.0]), np.array([0.02]), -1.0, 0.0)
     >>> round(float(flow.rate[0]), 6), round(float(flow.omega[0]), 6)
@@ -150,58 +151,110 @@ def find_fall(name: str, *inner: float) -> Fall:
         inner: its parameters that follow the amplitude and the travel.
     """
     values = (1.0, 1.0, *inner)
-    n = _BEFORE + _AVERAGED
-    turns = np.pi * np.arange(n + 1) - np.arctan(_FALL)
-    angle = turns[:-1, None] + np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
-    middle = np.pi * (_BEFORE + 0.5 * _AVERAGED)
-    level = _AMPLITUDES[:, None, None] * np.exp(-_FALL * (angle - middle))
-    ends = _AMPLITUDES[:, None] * np.exp(-_FALL * (turns - middle)) * np.abs(np.cos(turns))
-    force = _follow_joint(values, name, level * np.cos(angle), ends)[:, _BEFORE:].reshape(_AMPLITUDES.size, -1)
-    angle, level = angle[_BEFORE:].ravel(), level[:, _BEFORE:].reshape(_AMPLITUDES.size, -1)
-    softening, damping = find_joint_curves(name, values, level)
-    steady = level * ((find_rest_stiffness(name, values) - softening) * np.cos(angle) - damping * np.sin(angle))
-    window = 1.0 - np.cos(2.0 * np.pi * (np.arange(angle.size) + 0.5) / angle.size)
-    change = (force - steady) @ (window * np.exp(-1j * angle)) / window.sum()
-    return Fall(2.0 * change / _AMPLITUDES / _FALL)
+    cycles = _FallingCycles.at(_AMPLITUDES)
+    force = _follow_joint(values, name, cycles)
+    softening, damping = find_joint_curves(name, values, cycles.averaged_level)
+    return Fall(cycles.find_change(force, find_rest_stiffness(name, values) - softening, damping))
 
 
-def _follow_joint(values: tuple[float, ...], name: str, q: FloatArray, ends: FloatArray) -> FloatArray:
-    """Return the force (n, m, k) of a joint of unit force and travel along half cycles of a falling amplitude.
+@lru_cache(maxsize=64)
+def find_slip_fall(exponent: float) -> complex:
+    """Return what a falling amplitude changes in the force of slip without an end, R = 1, at the amplitude 1."""
+    cycles = _FallingCycles.at(np.ones(1))
+    slip = JointTerms(slip=1.0, exponent=exponent)
+    level = cycles.averaged_level
+    force = _follow_sliders(lambda displacement: -slip.find_slip_force(displacement), cycles)
+    return complex(cycles.find_change(force, -slip.find_softening(level), slip.find_damping(level))[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _FallingCycles:
+    """Half cycles of a falling amplitude, of which the last ones are averaged.
 
     Args:
-        values: the parameters of the joint.
-        name: its kind.
-        q: (n, m, k) displacements in m half cycles, of which the first one falls.
+        amplitudes: (n,) amplitudes in the middle of those that are averaged.
+        angle: (m, k) angles of the displacement in m half cycles, of which the first one falls.
+        level: (n, m, k) amplitudes at these angles.
         ends: (n, m + 1) displacements at the reversals, without their signs.
     """
-    force = np.empty_like(q)
-    signs = (-1.0) ** np.arange(q.shape[1])
+
+    amplitudes: FloatArray
+    angle: FloatArray
+    level: FloatArray
+    ends: FloatArray
+
+    @classmethod
+    def at(cls, amplitudes: FloatArray) -> _FallingCycles:
+        """Return the cycles about some amplitudes."""
+        turns = np.pi * np.arange(_BEFORE + _AVERAGED + 1) - np.arctan(_FALL)
+        angle = turns[:-1, None] + np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
+        middle = np.pi * (_BEFORE + 0.5 * _AVERAGED)
+        level = amplitudes[:, None, None] * np.exp(-_FALL * (angle - middle))
+        ends = amplitudes[:, None] * np.exp(-_FALL * (turns - middle)) * np.abs(np.cos(turns))
+        return cls(amplitudes, angle, level, ends)
+
+    @property
+    def displacement(self) -> FloatArray:
+        """The displacements, (n, m, k)."""
+        return np.asarray(self.level * np.cos(self.angle))
+
+    @property
+    def averaged_level(self) -> FloatArray:
+        """The amplitudes at the angles of the half cycles that are averaged, (n, their number)."""
+        return self.level[:, _BEFORE:].reshape(self.amplitudes.size, -1)
+
+    def find_change(self, force: FloatArray, stiffness: FloatArray, damping: FloatArray) -> NDArray[np.complex128]:
+        """Return what a force in these cycles (n, m, k) has beyond that of steady ones, as `Fall` holds it, (n,).
+
+        The secant stiffness of steady cycles, and omega times their damping, belong to `averaged_level`.
+        """
+        angle, force = self.angle[_BEFORE:].ravel(), force[:, _BEFORE:].reshape(self.amplitudes.size, -1)
+        steady = self.averaged_level * (stiffness * np.cos(angle) - damping * np.sin(angle))
+        window = 1.0 - np.cos(2.0 * np.pi * (np.arange(angle.size) + 0.5) / angle.size)
+        change = (force - steady) @ (window * np.exp(-1j * angle)) / window.sum()
+        return np.asarray(2.0 * change / self.amplitudes / _FALL)
+
+
+def _follow_joint(values: tuple[float, ...], name: str, cycles: _FallingCycles) -> FloatArray:
+    """Return the force (n, m, k) of a joint of unit force and travel, of the parameters `values` and a kind."""
     if name == IWAN:
-        load = partial(load_joint, name, values)
-        # The rule of Masing holds for sliders side by side, and no loop closes in a larger one.
-        top = load(ends[:, 0])
-        for m, sign in enumerate(signs):
-            force[:, m] = sign * (top[:, None] - 2.0 * load(0.5 * (ends[:, m, None] - sign * q[:, m])))
-            top = 2.0 * load(0.5 * (ends[:, m] + ends[:, m + 1])) - top
-        return force
+        return _follow_sliders(partial(load_joint, name, values), cycles)
+    q, ends = cycles.displacement, cycles.ends
+    force = np.empty_like(q)
     loop = find_steady_loop(name, *values[2:])
     top = loop.find_top(ends[:, 0])
-    for m, sign in enumerate(signs):
+    for m, sign in enumerate((-1.0) ** np.arange(q.shape[1])):
         place = loop.find_place(-top)
         force[:, m] = -sign * loop.find_force(ends[:, m, None] - sign * q[:, m] + place[:, None])
         top = loop.find_force(ends[:, m] + ends[:, m + 1] + place)
     return force
 
 
+def _follow_sliders(load: Callable[[FloatArray], FloatArray], cycles: _FallingCycles) -> FloatArray:
+    """Return the force (n, m, k) of sliders side by side, by their force on first loading."""
+    q, ends = cycles.displacement, cycles.ends
+    force = np.empty_like(q)
+    # The rule of Masing holds for sliders side by side, and no loop closes in a larger one.
+    top = load(ends[:, 0])
+    for m, sign in enumerate((-1.0) ** np.arange(q.shape[1])):
+        force[:, m] = sign * (top[:, None] - 2.0 * load(0.5 * (ends[:, m, None] - sign * q[:, m])))
+        top = 2.0 * load(0.5 * (ends[:, m] + ends[:, m + 1])) - top
+    return force
+
+
 def find_joint_fall(joint: JointTerms, amplitude: FloatArray) -> NDArray[np.complex128]:
-    """Return what a falling amplitude changes in a named joint, over -A'/(omega A), in the unit of stiffness.
+    """Return what a falling amplitude changes in a joint with memory, over -A'/(omega A), in the unit of stiffness.
 
     The real part is in the secant stiffness, the imaginary one in omega c(A).
     """
+    change = np.zeros(amplitude.shape, dtype=np.complex128)
+    if joint.slip != 0.0:
+        # Slip without an end has no travel, so that all its curves are a power of the amplitude.
+        change = change + joint.slip * amplitude ** (1.0 + joint.exponent) * find_slip_fall(joint.exponent)
     if not joint.kind:
-        return np.zeros(amplitude.shape, dtype=np.complex128)
+        return change
     force, travel, *inner = joint.values
-    return force / travel * find_fall(joint.kind, *inner).at(amplitude / travel)
+    return change + force / travel * find_fall(joint.kind, *inner).at(amplitude / travel)
 
 
 @dataclass(frozen=True)
