@@ -153,6 +153,12 @@ class ModalThresholds:
     # windows of a decay for each term of damping beside friction: with nine windows, the powers 2 and 3 took so much of
     # a friction that both it and the viscous damping were wrong by three standard deviations in one of 24 decays
     windows_per_term: float = 4.0
+    # terms of damping with friction that may be tried in spite of that, where fewer miss the decay beyond its noise:
+    # with six, powers imitated a damping by the root of the speed, and viscous damping was six times too large
+    most_terms_with_friction: int = 3
+    # error of a law of the highest order over what the last order changed: powers up to N leave errors as 1 / N^2 of a
+    # term like |q'|^1.5, 1.8 times the last step of N = 5
+    last_step: float = 2.0
     # standard deviations by which friction or slip must stand out, and the largest one of the exponent of slip: an
     # exponent that nothing determines takes any stiffness to zero amplitude
     joint_sigma: float = 3.0
@@ -193,8 +199,11 @@ class ModalThresholds:
     # distance of a line from a multiple of 50 or 60 Hz at which it may be hum, a fraction of these: mains keep 0.2 %
     mains_width: float = 0.004
     # distance of a mode from a multiple of the mains, a fraction, within which hum is searched in the end of its decay:
-    # farther off it is a neighbour, which the windows separate
+    # farther off it is a neighbour, unless the decay is too short for windows that separate it
     hum_width: float = 0.02
+    # last amplitude of a decay over its standard deviation, from which on the record ends within the decay, so that
+    # hum in the frequency of the mode does not show: a decay that meets the noise ends at `smallest_signal`
+    loud_end: float = 30.0
     fewest_hum: int = 8  # phasors of that end, half a kernel apart, that the line and the rest of the mode need
     # factor by which the standard deviation of that line is enlarged: what is left of the mode beside it is not quite
     # an exponential decay, and of four hardening modes two were off by 2.6 and 3.8 standard deviations without it
@@ -209,6 +218,25 @@ class ModalThresholds:
     first_beats: tuple[float, ...] = (0.1, 0.25, 0.5, 0.8, 1.2, 1.8, 2.5, -0.1, -0.25, -0.5, -0.8, -1.2, -1.8, -2.5)
     tried_beats: int = 5  # the likeliest of these starts, from which the search goes on
     alike_damping: float = 3.0  # largest ratio of the damping of two close modes: others imitate slip and friction
+    # chance by which noise alone gives the misfit of a decay, below which a line too close to be separated is searched:
+    # a weak one that turns once in the decay left a misfit of 1.4, and k3 was 3.6 standard deviations off
+    chance_line: float = 0.05
+    # orders of stiffness and damping that are tried beside a line too close to be separated: powers of higher orders
+    # imitate such a line
+    orders_beside_line: tuple[tuple[int, int], ...] = ((1, 1), (3, 1), (3, 2))
+    # distance from the mode that is searched for such a line, a fraction: farther off the windows separate it
+    searched_line: float = 0.06
+    # angle that a line turns against the mode in the decay, rad: with less than a beat it looks like a law
+    least_turn: float = 6.28
+    # windows for each value of a law and of a line: with 1.5, both imitated a damping by the root of the speed
+    windows_per_value: float = 2.0
+    # rate at which such a line may rise, over that at which the mode falls: hum is steady, but for noise
+    rising_line: float = 0.05
+    # factor of the error of a subtracted line in the covariance of a track: so large that a law which is fitted
+    # afterwards gets the intervals of a fit of both
+    free_line: float = 10.0
+    # part of such a line, as it stands in frequency and damping from window to window, that may be left in them
+    line_error: float = 0.1
     # squared errors that a last step would save, beyond chance and as a fraction of all, from which the search for a
     # law was stopped at the edge of the possible laws; searches that end at a minimum save less than three
     least_saved: float = 9.0

@@ -17,10 +17,11 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError
 from opid.modal.decay.answer import describe_law
+from opid.modal.decay.close_line import CloseLine, LawAlone, find_close_line
 from opid.modal.decay.form_fit import FitWithout, FormFit
 from opid.modal.decay.forms import DecayProblem, FittedForms, TriedForms, try_forms, weigh_fits
 from opid.modal.decay.law import CloseModesError, DecayLaw, withhold_intervals
-from opid.modal.decay.law_search import Linearisation, score_misfit
+from opid.modal.decay.law_search import LawForm, Linearisation, score_misfit
 from opid.modal.decay.scaled_track import FitUnits, ScaledTrack
 from opid.modal.decay.slow_flow import CloseModes, fit_close_modes
 from opid.modal.decay.track import Track
@@ -82,30 +83,7 @@ def fit_decays(
         NotDeterminedError: fewer windows than coefficients, a law that does not decay, or two linear modes that explain
             the decays better (`CloseModesError`).
     """
-    for word, order in (("stiffness_order", stiffness_order), ("damping_order", damping_order)):
-        if order is not None and not 1 <= order <= HIGHEST_ORDER:
-            raise InputError(f"{word} is {order}, give 1 (linear) to {HIGHEST_ORDER}")
-    amplitude, natural, natural_std, damping, damping_std = (
-        np.concatenate(parts) for parts in zip(*(find_backbone(each, derivative) for each in tracks), strict=True)
-    )
-    # In these units the coefficients of all powers have similar sizes.
-    length, rate = float(amplitude.max()), float(np.median(natural))
-    level, square = amplitude / length, (natural / rate) ** 2
-    seen = Linearisation(
-        level,
-        square,
-        2.0 * natural_std * natural / rate**2,
-        level * natural / rate,
-        damping / rate,
-        damping_std / rate,
-    )
-    problem = DecayProblem(
-        seen,
-        [ScaledTrack.from_track(track, length, rate, derivative) for track in tracks],
-        FitUnits(length, rate, derivative, gain_std),
-        stiffness_order,
-        damping_order,
-    )
+    problem = _make_problem(tracks, derivative, stiffness_order, damping_order, gain_std)
     close = _find_close_modes(problem.decays)
     try:
         if isinstance(memory, str):
@@ -119,11 +97,73 @@ def fit_decays(
     except NotDeterminedError:
         _refuse_close_modes(problem, close, None)
         raise
+    fitted = _allow_for_higher_orders(problem, fitted)
     is_rival = _refuse_close_modes(problem, close, fitted.best)
     fitted = _doubt_without_friction(problem, fitted) if friction is None and not isinstance(memory, str) else fitted
     if is_rival:
-        return _withhold_for_rival(describe_law(problem, fitted), close[0].scaled(rate))
+        return _withhold_for_rival(describe_law(problem, fitted), close[0].scaled(problem.units.rate))
     return describe_law(problem, _add_model_error(problem, fitted))
+
+
+def find_line_beside(
+    track: Track,
+    law: DecayLaw | None,
+    *,
+    derivative: int,
+    stiffness_order: int | None,
+    damping_order: int | None,
+) -> CloseLine | None:
+    """Return a close line that explains what the law of a decay misses beyond noise; None where nothing shows one.
+
+    Args:
+        track: the decay.
+        law: its law without a line; None where none was found.
+        derivative: the derivative of the displacement that was measured.
+        stiffness_order: order that is asked for; it and `damping_order` are those of `fit_decays`.
+    """
+    problem = _make_problem([track], derivative, stiffness_order, damping_order, 0.0)
+    if law is None:
+        return find_close_line(problem, track, None)
+    form = LawForm(
+        len(law.stiffness), len(law.damping), law.joint_estimates.friction.value is not None, law.joint_estimates.kind
+    )
+    values = [*law.stiffness.values(), *law.damping.values()]
+    values += [law.joint_estimates.friction] * form.has_friction + list(law.joint_estimates.values)
+    vector = np.array([float(each.value or 0.0) for each in values])
+    vector = vector / problem.units.find_factors(form, vector)
+    squares = law.misfit**2 * max(problem.n_data - form.size - 2, 1)
+    if not problem.is_beyond_noise(squares, form.size + 2, MODAL.chance_line):
+        return None
+    return find_close_line(problem, track, LawAlone(form, vector, squares))
+
+
+def _make_problem(
+    tracks: Sequence[Track], derivative: int, stiffness_order: int | None, damping_order: int | None, gain_std: float
+) -> DecayProblem:
+    """Return decays in units in which the coefficients of all powers have similar sizes."""
+    for word, order in (("stiffness_order", stiffness_order), ("damping_order", damping_order)):
+        if order is not None and not 1 <= order <= HIGHEST_ORDER:
+            raise InputError(f"{word} is {order}, give 1 (linear) to {HIGHEST_ORDER}")
+    amplitude, natural, natural_std, damping, damping_std = (
+        np.concatenate(parts) for parts in zip(*(find_backbone(each, derivative) for each in tracks), strict=True)
+    )
+    length, rate = float(amplitude.max()), float(np.median(natural))
+    level, square = amplitude / length, (natural / rate) ** 2
+    seen = Linearisation(
+        level,
+        square,
+        2.0 * natural_std * natural / rate**2,
+        level * natural / rate,
+        damping / rate,
+        damping_std / rate,
+    )
+    return DecayProblem(
+        seen,
+        [ScaledTrack.from_track(track, length, rate, derivative) for track in tracks],
+        FitUnits(length, rate, derivative, gain_std),
+        stiffness_order,
+        damping_order,
+    )
 
 
 def _fit_what_is_asked(problem: DecayProblem, friction: bool | None, memory: bool | None) -> FittedForms:
@@ -164,8 +204,9 @@ def _add_terms_beside_friction(
         forms = problem.search_forms(True, memory, may_imitate=True)
     except NotDeterminedError:
         return fitted
-    n_windows = problem.n_data // 2
-    found = try_forms(problem, [each for each in forms if each[0].is_imitated_by_friction(n_windows)]).fits
+    n_windows, most = problem.n_data // 2, MODAL.most_terms_with_friction
+    forms = [each for each in forms if each[0].is_imitated_by_friction(n_windows) and each[0].n_damping <= most]
+    found = try_forms(problem, forms).fits
     found = [fit for fit in found if not (problem.find_unexplained(fit) or fit.is_at_edge or fit.is_active)]
     if not found or float(problem.score([best, *found])[0]) <= MODAL.decisive:
         return fitted
@@ -250,6 +291,27 @@ def _prefer_joint(problem: DecayProblem, fitted: FittedForms) -> FittedForms:
         + ("" if is_sure else f"; a joint of another kind does almost as well (by {apart:.3g}): its kind is not told")
     )
     return FittedForms(fits, False, (warning,))
+
+
+def _allow_for_higher_orders(problem: DecayProblem, fitted: FittedForms) -> FittedForms:
+    """Return a law with the one of an order less as a rival that counts fully, where the highest order was chosen.
+
+    The decay might ask for more powers, or for none but a fractional one, so the last step of the orders shows how far
+    the curves and the values at zero amplitude still move.
+    """
+    best, lower = fitted.best, []
+    asked = (problem.stiffness_order, problem.damping_order)
+    for number, order in enumerate((best.form.stiffness_order, best.form.damping_order)):
+        if asked[number] is not None or order < HIGHEST_ORDER:
+            continue
+        n_k, n_c = best.form.stiffness_order - (number == 0), best.form.damping_order - (number == 1)
+        form = LawForm(n_k, n_c, best.form.has_friction, best.form.memory)
+        guess = np.delete(best.vector, n_k if number == 0 else n_k + n_c)
+        with suppress(NotDeterminedError):
+            lower.append(problem.fit(form, guess))
+    lower = [fit for fit in lower if not fit.is_at_edge]
+    own = [(fit, weight) for fit, weight in fitted.fits if fit.form not in {each.form for each in lower}]
+    return replace(fitted, fits=[*own, *((fit, MODAL.last_step**2) for fit in lower)])
 
 
 def _doubt_without_friction(problem: DecayProblem, fitted: FittedForms) -> FittedForms:

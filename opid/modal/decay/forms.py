@@ -38,6 +38,11 @@ class DecayProblem:
         explained = float(stats.chi2.ppf(1.0 - MODAL.chance_misfit, freedom)) / freedom
         return max(0.0, 1.0 - explained / max(fit.misfit**2, explained))
 
+    def is_beyond_noise(self, squares: float, n_coefficients: int, chance: float) -> bool:
+        """Whether noise leaves such squared errors of a law with so many coefficients less often than by a chance."""
+        freedom = max(self.n_data - n_coefficients, 1)
+        return squares > float(stats.chi2.ppf(1.0 - chance, freedom))
+
     def search_forms(
         self, friction: bool | None, memory: bool | str | JointKind | None, *, may_imitate: bool = False
     ) -> list[tuple[LawForm, FloatArray]]:

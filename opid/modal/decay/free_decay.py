@@ -13,10 +13,19 @@ from opid.errors import InputError, NotDeterminedError, nearest
 from opid.estimate import Estimate, format_percent
 from opid.json_values import plain
 from opid.mechanics.laws.law import Law
-from opid.modal.decay.fit import find_backbone, fit_decays
+from opid.modal.decay.close_line import CloseLine
+from opid.modal.decay.fit import find_backbone, find_line_beside, fit_decays
 from opid.modal.decay.law import CloseModesError, DecayLaw
 from opid.modal.decay.slow_flow import CloseModes, find_joint_fall
-from opid.modal.decay.stretch import ActingForce, Beginning, Stretch, find_free_part, find_hum, find_stretch
+from opid.modal.decay.stretch import (
+    ActingForce,
+    Beginning,
+    Stretch,
+    find_free_part,
+    find_hum,
+    find_mains,
+    find_stretch,
+)
 from opid.modal.decay.track import Track, track_decay, widen_by_hum
 from opid.modal.forced.mode_tests import ShapeCheck, check_shapes
 from opid.modal.linear.modes import ModalTest
@@ -279,7 +288,14 @@ def free_decay(
     limits = _Limits(near_hz, band_hz, start_s, stop_s)
     track, beginning, early = _follow_free(series, fs, limits, acting)
     orders: dict[str, Any] = {"stiffness_order": stiffness_order, "damping_order": damping_order}
-    law, of_law, close = _find_law(track, derivative, {**orders, "friction": friction, "memory": memory}, gain_std)
+    choices = {**orders, "friction": friction, "memory": memory}
+    law, of_law, close = _find_law(track, derivative, choices, gain_std)
+    if close is None:
+        line = find_line_beside(track, law, derivative=derivative, **orders)
+        if line is not None:
+            track = line.subtract(track)
+            law, of_law, close = _find_law(track, derivative, choices, gain_std)
+            early = [*early, _tell_line(line)]
     amplitude, natural, natural_std, damping, damping_std = _find_curves(track, derivative, law, close, gain_std)
     of_size = _warn_of_size(amplitude, natural) if length == "m" and mode is None else ()
     warnings = [*early, *_warn_of_track(track, amplitude), *of_size, *of_law]
@@ -499,7 +515,7 @@ def _follow_free(
         hum = find_hum(series, stretch, fs=fs)
         if hum is None:
             track, late = _track_late_if_needed(series, stretch, fs, limits.start_s is None)
-            return track, stretch.beginning, [*stretch.warnings, *late]
+            return track, stretch.beginning, [*stretch.warnings, *late, *_warn_of_hidden_hum(stretch, track)]
         clean = series - hum.make_line(series.size, fs)
         stretch = find_stretch(clean, fs=fs, free=free, **vars(limits))
         track, late = _track_late_if_needed(clean, stretch, fs, limits.start_s is None)
@@ -531,6 +547,19 @@ def _follow_free(
     return track, beginning, warnings
 
 
+def _warn_of_hidden_hum(stretch: Stretch, track: Track) -> Iterator[str]:
+    """Yield a sentence where hum in the frequency of a mode would not show, for the record ends within the decay."""
+    own, mains = stretch.frequency_hz, find_mains(stretch.frequency_hz)
+    last = track.time_s.size - 1
+    ends_loud = track.covariance[last, last] < (1.0 / MODAL.loud_end) ** 2
+    if abs(mains - own) <= MODAL.hum_width * mains and ends_loud:
+        yield (
+            f"the mode is at {own:.4g} Hz and the mains are at {mains:g} Hz, and the record ends before the mode has "
+            "decayed: hum would not show, and a part of a percent of it looks like friction or powers; record until "
+            "the mode is gone"
+        )
+
+
 def _track_late_if_needed(series: FloatArray, stretch: Stretch, fs: float, may_wait: bool) -> tuple[Track, list[str]]:
     """Return the track of a decay; its first quarter is left out where other oscillations disturb it too much."""
     try:
@@ -547,6 +576,15 @@ def _track_late_if_needed(series: FloatArray, stretch: Stretch, fs: float, may_w
             f"before {start / fs:.4g} s other oscillations disturb the mode too much: that part of the record is left "
             "out"
         ]
+
+
+def _tell_line(line: CloseLine) -> str:
+    return (
+        f"a line at {line.frequency_hz:.5g} Hz, {100.0 * line.ratio:.2g} % of the mode at the start and too close to "
+        "be separated by a window, explains what a law alone misses: it is another mode, hum, or a force that still "
+        "acts; it was subtracted, and its error is in the intervals; separate modes with several sensors (a modal "
+        "filter), check the cables, or begin later (start_s)"
+    )
 
 
 def _warn_of_size(amplitude: FloatArray, natural: FloatArray) -> Iterator[str]:

@@ -63,9 +63,13 @@ class LawForm:
 
     def is_imitated_by_friction(self, n_windows: int) -> bool:
         """Whether so few windows cannot tell friction from the powers of damping, or the slip, beside it."""
-        n_terms = self.damping_order + self.has_friction + self.n_memory
         is_alone = self.damping_order == 1 and self.memory is None
-        return self.has_friction and not is_alone and n_windows < MODAL.windows_per_term * n_terms
+        return self.has_friction and not is_alone and n_windows < MODAL.windows_per_term * self.n_damping
+
+    @property
+    def n_damping(self) -> int:
+        """The number of terms of damping."""
+        return self.damping_order + self.has_friction + self.n_memory
 
     def is_possible(self, vector: FloatArray) -> bool:
         """Whether joints take energy out, slip needs no endless force, and there is stiffness at rest."""

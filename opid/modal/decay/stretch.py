@@ -176,12 +176,12 @@ def find_hum(samples: FloatArray, stretch: Stretch, *, fs: float) -> Hum | None:
     The end holds the line and what is left of the mode, which decays at a rate of its own. The line must stand out of
     its error, and of the mode at the end of the record.
     """
-    own, cycle = stretch.frequency_hz, fs / stretch.frequency_hz
-    lines = [base * max(round(own / base), 1) for base in (50.0, 60.0)]
-    mains = min(lines, key=lambda line: abs(line - own))
-    hop = max(1, round(0.5 * MODAL.kernel_cycles * cycle))
+    own, mains = stretch.frequency_hz, find_mains(stretch.frequency_hz)
+    hop = max(1, round(0.5 * MODAL.kernel_cycles * fs / own))
     tail = np.arange(stretch.sure_stop + hop, stretch.stop - hop, hop)
-    if abs(mains - own) > MODAL.hum_width * mains or tail.size < MODAL.fewest_hum:
+    # A window of the decay separates lines that are farther away.
+    longest = min((stretch.sure_stop - stretch.start) / fs / 2.5, MODAL.longest_decay / max(stretch.rate, 1e-9))
+    if abs(mains - own) > max(MODAL.hum_width * mains, MODAL.resolved / longest) or tail.size < MODAL.fewest_hum:
         return None
     turned = find_phasor(samples - np.median(samples[stretch.sure_stop :]), fs=fs, frequency_hz=mains)
     before = np.arange(hop, stretch.start - 3 * hop, hop)
@@ -198,6 +198,12 @@ def find_hum(samples: FloatArray, stretch: Stretch, *, fs: float) -> Hum | None:
     frequency = mains + apart
     # The phasors turn with the mains from the first sample on, and with the rest from the centre.
     return Hum(frequency, line * complex(np.exp(-2j * np.pi * apart * centre / fs)), std)
+
+
+def find_mains(frequency_hz: float) -> float:
+    """Return the multiple of 50 or 60 Hz that is nearest to a frequency."""
+    lines = [base * max(round(frequency_hz / base), 1) for base in (50.0, 60.0)]
+    return min(lines, key=lambda line: abs(line - frequency_hz))
 
 
 def _fit_line(
