@@ -201,8 +201,10 @@ class ModalThresholds:
     # distance of a mode from a multiple of the mains, a fraction, within which hum is searched in the end of its decay:
     # farther off it is a neighbour, unless the decay is too short for windows that separate it
     hum_width: float = 0.02
-    # last amplitude of a decay over its standard deviation, from which on the record ends within the decay, so that
-    # hum in the frequency of the mode does not show: a decay that meets the noise ends at `smallest_signal`
+    # last amplitude of a decay over the largest, and over its standard deviation, from which on the record ends within
+    # the decay, so that hum in the frequency of the mode does not show. Hum of 0.4 % in a decay that fell to 8 % looked
+    # like friction; farther down it bends the curves, and a decay that meets the noise ends at `smallest_signal`
+    left_at_end: float = 0.03
     loud_end: float = 30.0
     fewest_hum: int = 8  # phasors of that end, half a kernel apart, that the line and the rest of the mode need
     # factor by which the standard deviation of that line is enlarged: what is left of the mode beside it is not quite

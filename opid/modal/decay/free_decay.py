@@ -551,7 +551,10 @@ def _warn_of_hidden_hum(stretch: Stretch, track: Track) -> Iterator[str]:
     """Yield a sentence where hum in the frequency of a mode would not show, for the record ends within the decay."""
     own, mains = stretch.frequency_hz, find_mains(stretch.frequency_hz)
     last = track.time_s.size - 1
-    ends_loud = track.covariance[last, last] < (1.0 / MODAL.loud_end) ** 2
+    ends_loud = (
+        track.amplitude[last] > MODAL.left_at_end * track.amplitude.max()
+        and track.covariance[last, last] < (1.0 / MODAL.loud_end) ** 2
+    )
     if abs(mains - own) <= MODAL.hum_width * mains and ends_loud:
         yield (
             f"the mode is at {own:.4g} Hz and the mains are at {mains:g} Hz, and the record ends before the mode has "
