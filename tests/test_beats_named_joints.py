@@ -227,6 +227,13 @@ def test_powers_are_not_told_as_a_joint():
     assert any("dahl_friction" in each for each in found.all_warnings)
 
 
+def test_beats_that_never_reach_the_slip_force_of_a_named_joint_show_a_linear_mode():
+    found = identify_modes(study_of(beats_of("jenkins", 0, (0.2, 0.4, 0.6)), memory="iwan_friction"))
+    assert found.fits[0].joint_estimates.named is None
+    assert found.fits[0].frequency_at_hz[-1] == pytest.approx(60.0, rel=1e-5)
+    assert any("do not determine iwan_friction" in each for each in found.all_warnings)
+
+
 @pytest.mark.parametrize(("world", "kind"), [("dahl", "iwan_friction"), ("bouc_wen", "dahl_friction")])
 def test_a_joint_of_another_kind_is_told(world, kind):
     found = fit_law(world, kind, levels=FEW)

@@ -341,13 +341,13 @@ def _choose_folds(system: System, errors: FloatArray) -> FloatArray:
 
 
 def differentiate(function: Callable[[FloatArray], FloatArray], at: FloatArray) -> FloatArray:
-    """Return the (m, p) derivatives of a function by central differences."""
+    """Return the (m, p) derivatives of a function by central differences; p is 0 for a law without coefficients."""
     columns = []
     for index, value in enumerate(at):
         step = np.zeros_like(at)
         step[index] = 1e-5 * max(abs(value), SIMULATED.least_size)
         columns.append((function(at + step) - function(at - step)) / (2 * step[index]))
-    return np.stack(columns, axis=1)
+    return np.stack(columns, axis=1) if columns else np.zeros((function(at).size, 0))
 
 
 def estimate_joint(terms: ModeTerms, estimates: Sequence[Estimate]) -> JointEstimates:
