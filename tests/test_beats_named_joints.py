@@ -16,7 +16,7 @@ from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.system_fit import fit_system
 from opid.modal.identification import identify_modes
 from opid.modal.joint_terms import JointTerms, ModalJoint, load_joint
-from opid.modal.linear.modes import LinearModes, modal_test
+from opid.modal.linear.modes import LinearModes, delay_forces, modal_test
 from opid.modal.model import NonlinearModalModel, modal_response
 from opid.modal.study import ModalStudy, StudyTest
 from opid.report import writing
@@ -207,6 +207,17 @@ def test_the_fit_tells_the_joint_and_its_curves():
     np.testing.assert_allclose(fit.stiffness_curve.force[1:], -lost, atol=0.01 * lost[-1])
     assert (fit.damping_curve.low < fit.damping_curve.force)[1:].all()
     assert not any("misses the tests" in each for each in found.all_warnings)
+
+
+def test_a_delay_between_force_and_motion_is_found_beside_a_joint():
+    late = [delay_forces(each, 1.0 / FS) for each in beats_of("dahl", 0, FEW)]
+    fit = identify_modes(study_of(late, memory="dahl_friction")).fits[0]
+    assert fit.delay_s.holds(-1.0 / FS)
+    assert fit.delay_s.std < 1e-5
+    for estimate, truth in zip(fit.joint_estimates.values, (FORCE, TRAVEL), strict=True):
+        assert abs(estimate.value - truth) < 3.0 * estimate.std
+        assert estimate.value == pytest.approx(truth, rel=5e-3)
+    assert sum("µs before the forces" in each for each in fit.warnings) == 1
 
 
 # ---- worlds without the joint ----------------------------------------------------------------------

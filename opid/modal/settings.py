@@ -270,6 +270,10 @@ class SimulationSettings:
     # misfit of other terms of the mode under test over that of the best ones, up to which they are tried again with the
     # joint: without it they can hardly be told apart
     own_rivals: float = 2.0
+    # fits of a law whose forces are delayed anew by what is left beside it, and the part of its standard deviation
+    # below which a delay is not corrected again: each fit leaves a tenth of the delay before it
+    delay_steps: int = 3
+    delay_left: float = 0.2
     # dry friction from which its search begins, over the force of the linear damping at the largest motion
     first_frictions: tuple[float, ...] = (0.02, 0.1, 0.3, 1.0, 3.0)
     first_slip: float = 0.3  # likewise the force of slip, from which the search for that of a driven mode begins

@@ -14,6 +14,7 @@ from itertools import product as combine
 import numpy as np
 
 from opid.errors import InputError
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.modal.couplings import DEGREES, Product, list_products
 from opid.modal.forced.equation import Powers
 from opid.modal.forced.mode_fit import ModeFit
@@ -163,13 +164,20 @@ def list_own(system: System, fit: ModeFit, *, search_own: bool, free_linear: boo
     yield ModeTerms(powers), np.array([start])
     if not search_own:
         return
-    slip = max(_soften(system, fit) / float(slip_softening(SIMULATED.first_slip_exponent)), SIMULATED.least_size)
+    softer = _soften(system, fit)
+    slip = max(softer / float(slip_softening(SIMULATED.first_slip_exponent)), SIMULATED.least_size)
     linear = (1,) if free_linear else ()
     frictions, exponents = SIMULATED.first_frictions, SIMULATED.first_slip_exponents
     for k in (linear, (*linear, 3)):
-        zeros, own = [0.0] * (len(k) + len(linear)), Powers(k, linear)
-        yield ModeTerms(own, has_friction=True), np.array([[*zeros, each] for each in frictions])
-        yield ModeTerms(own, memory=SLIP), np.array([[*zeros, slip, each] for each in exponents])
+        own, of_linear = Powers(k, linear), [0.0] * len(linear)
+        # With friction nothing but k3 moves the frequency as the powers do, and beside slip either may.
+        bent = [*of_linear, *[-softer / float(first_harmonic_factor(3))] * (3 in k), *of_linear]
+        zeros = [0.0] * len(bent)
+        frictional = [[*bent, each] for each in frictions]
+        slipping = [[*zeros, slip, each] for each in exponents]
+        slipping += [[*bent, SIMULATED.least_size, each] for each in exponents] if 3 in k else []
+        yield ModeTerms(own, has_friction=True), np.array(frictional)
+        yield ModeTerms(own, memory=SLIP), np.array(slipping)
 
 
 def _soften(system: System, fit: ModeFit) -> float:
