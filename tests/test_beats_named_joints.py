@@ -18,6 +18,7 @@ from opid.modal.identification import identify_modes
 from opid.modal.joint_terms import JointTerms, ModalJoint, load_joint
 from opid.modal.linear.modes import LinearModes, delay_forces, modal_test
 from opid.modal.model import NonlinearModalModel, modal_response
+from opid.modal.settings import SIMULATED
 from opid.modal.study import ModalStudy, StudyTest
 from opid.report import writing
 from opid.signals.recording import recording_from_arrays
@@ -40,15 +41,19 @@ WORLDS = {
     "dahl": ("dahl_friction", (FORCE, TRAVEL)),
     "bouc_wen": ("bouc_wen", (FORCE, TRAVEL, 2.0)),
 }
+POWERS = {"stiffer": 0.4 * K0 / LARGEST**2, "damped": 2.0 * C0 / (LARGEST * K0**0.5)}
+"""A cubic spring of 40 % of k0 at LARGEST, and a quadratic damping of twice c0 there, beside one slider and Dahl's."""
 
 
 def joint_of(world):
     """The joint of a world as a part of a structure, and its stiffness at rest."""
     if world == "stiffer":
-        # A cubic spring of 40 % of k0 at LARGEST beside one slider
         joint, at_rest = joint_of("jenkins")
-        cubic = Law((Term("cubic_stiffness", (0.4 * K0 / LARGEST**2,)),))
+        cubic = Law((Term("cubic_stiffness", (POWERS[world],)),))
         return replace(joint, law=cubic), at_rest
+    if world == "damped":
+        joint, at_rest = joint_of("dahl")
+        return replace(joint, law=Law((*joint.law.terms, Term("quadratic_damping", (POWERS[world],))))), at_rest
     if world in ("jenkins", "iwan", "stuck"):
         stuck = iwan(stiffness_n_per_m=0.1 * K0, slip_force_n=7.5 * FORCE, chi=-0.3, beta=0.5, n=80)
         sliders = {"jenkins": Sliders([FORCE / TRAVEL], [FORCE]), "iwan": BOLT, "stuck": stuck}[world]
@@ -255,11 +260,27 @@ def test_a_joint_of_another_kind_is_told(world, kind):
     assert abs(joint.values[0].value - truth[0]) < 3.0 * joint.values[0].std
 
 
-def test_a_joint_beside_a_power_that_nobody_names_is_left_out_or_has_no_interval():
-    found = identify_modes(study_of(beats_of("stiffer", 0, FEW[1:]), memory="iwan_friction"))
-    joint = found.fits[0].joint_estimates
-    assert joint.named is None or all(each.std is None for each in joint.values)
-    assert any("iwan_friction" in each for each in found.all_warnings)
+@pytest.mark.parametrize(("world", "kind", "n"), [("stiffer", "iwan_friction", 3), ("damped", "dahl_friction", 2)])
+def test_a_joint_beside_a_power_that_nobody_names_is_found(world, kind, n):
+    fit = identify_modes(study_of(beats_of(world, 0, FEW), memory=kind)).fits[0]
+    joint, power = fit.joint_estimates, {"stiffer": fit.stiffness, "damped": fit.damping}[world][n]
+    assert joint.kind.name == kind
+    for estimate, truth in ((joint.values[0], FORCE), (joint.values[1], TRAVEL), (power, POWERS[world])):
+        assert abs(estimate.value - truth) < 3.0 * estimate.std
+        assert estimate.value == pytest.approx(truth, rel=0.02)
+
+
+def test_a_joint_that_nobody_names_is_taken_where_all_else_leaves_far_more():
+    """With a force that is 3 % too large the true joint leaves more than noise, too."""
+    tests = beats_of("dahl", 0, FEW)
+    louder = [
+        replace(each, forces=tuple(replace(force, samples=1.03 * force.samples) for force in each.forces))
+        for each in tests
+    ]
+    found = fit_system(louder, fit_mode(louder, 1))
+    assert found.fit.misfit > SIMULATED.unexplained
+    assert found.fit.joint_estimates.kind.name == "dahl_friction"
+    assert found.fit.joint_estimates.values[0].holds(FORCE)
 
 
 # ---- the study -------------------------------------------------------------------------------------

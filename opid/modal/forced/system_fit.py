@@ -179,7 +179,7 @@ def fit_system(
     found = _choose_law(system, finer, fit, trials, memory, products or ()) if trials else None
     has_more = (search_own or kinds) and len(bands) == 1
     if has_more and (found is None or found.fit.misfit > SIMULATED.unexplained):
-        more = try_other_joints(system, fit, kinds, **free)
+        more = try_other_joints(system, fit, kinds, found.fit.misfit if found else np.inf, **free)
         found = _choose_law(system, finer, fit, [*trials, *more], memory, products or ()) if more else found
     if found is None:
         raise InputError(_explain_unbounded(tests, fit, first))
