@@ -53,8 +53,9 @@ def record_levels(*, has_joint):
     return np.array(samples).T
 
 
-def make_study(*, has_joint=False, force_factor=1.0, **settings):
-    acceleration, force = record_levels(has_joint=has_joint)
+def make_study(*, has_joint=False, force_factor=1.0, first_level=0, **settings):
+    first = first_level * round(HOLD_S * FS)
+    acceleration, force = record_levels(has_joint=has_joint)[:, first:]
     channels = np.column_stack([acceleration[:, None] * MODES.shapes[:, 0], force_factor * force])
     channels = channels + 0.01 * channels.std(axis=0) * np.random.default_rng(0).standard_normal(channels.shape)
     recording = recording_from_arrays(list(channels.T), [*MODES.sensors, "force"], fs=FS, unit=["m/s^2"] * 3 + ["N"])
@@ -92,3 +93,12 @@ def test_what_a_study_names_beside_powers_is_told_to_be_left_out():
     warnings = identify_resonance(make_study(memory="dahl_friction", couplings=((1, 1, 1),))).warnings
     assert any("dahl_friction and the coupling(s)" in each and "are left out" in each for each in warnings)
     assert not any("left out" in each for each in identify_resonance(make_study()).warnings)
+
+
+def test_levels_that_slide_throughout_do_not_tell_the_mode_at_rest():
+    result = identify_resonance(make_study(has_joint=True, first_level=5))
+    law = result.records_law
+    assert law.stiffness[1].interval95 is None
+    assert law.damping[1].interval95 is None
+    assert law.damping_ratio[-1] == pytest.approx(result.damping_ratio[-1], rel=0.02)
+    assert any("k0 and c0 are extrapolated by powers" in each for each in result.warnings)

@@ -24,7 +24,7 @@ from opid.modal.resonance.curve_fit import (
 )
 from opid.modal.resonance.curves import ResponseCurve, find_curve_mode
 from opid.modal.resonance.held_out import HeldOut, choose_held_out, predict_held_out
-from opid.modal.resonance.law import ResonanceLaw, explain_phase, fit_states
+from opid.modal.resonance.law import ResonanceLaw, explain_phase, fit_states, reaches_zero
 from opid.modal.resonance.result import Resonance, Resonances
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import MeasuredLevel, SteadyState, measure_levels
@@ -564,6 +564,12 @@ def _warn_of_law(law: ResonanceLaw, source: str, settings: ResonanceSettings) ->
             f"the {source} show that the force is {phase.value:.1f} degrees ahead of what moves the mode (standard "
             f"deviation {phase.std:.1g}): the law is corrected for it, and the single levels are not; check delay and "
             "filters of the force channel"
+        )
+    if not reaches_zero(law.amplitude):
+        yield (
+            f"the {source} do not reach below {law.amplitude[0] / law.amplitude[-1]:.0%} of their largest amplitude: "
+            "k0 and c0 are extrapolated by powers, which a joint does not follow, and have no intervals; record lower "
+            "levels, and use the law within these amplitudes only"
         )
     if law.is_withheld:
         yield (

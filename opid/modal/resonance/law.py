@@ -30,6 +30,7 @@ from opid.modal.forced.equation import Powers
 from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_law, withhold_negative
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
 FEWEST_GROUPS = 3  # curves of which one can be left out and the others still show how frequency and damping move
@@ -197,16 +198,21 @@ def fit_states(
     return law
 
 
+def reaches_zero(amplitude: FloatArray) -> bool:
+    """Return whether motions tell what the mode does at zero amplitude, where powers alone would extrapolate."""
+    return bool(amplitude.min() <= MODAL.reaches_zero * amplitude.max())
+
+
 def explain_phase(law: ResonanceLaw, settings: ResonanceSettings) -> str:
     """Return why a law does not count: powers miss the motions and take a phase that no filter makes; "" if it does."""
     found = float(law.force_phase_deg.value or 0.0)
     if law.misfit <= settings.warned_misfit or abs(found) <= settings.doubted_phase_deg:
         return ""
     return (
-        f"powers of one mode miss the motions by {law.misfit:.1f} standard deviations of their noise even if the force "
-        f"were {found:.0f} degrees ahead of what moves the mode, which no filter makes: the mode has a joint with "
-        "memory, or another mode moves with it; use the single levels, and give `opid modal` sine beats or free "
-        "decays, whose laws may have a joint"
+        f"powers of one mode miss the motions by {law.misfit:.1f} standard deviations of their noise even with a phase "
+        "of the force that no filter makes: the mode has a joint with memory, another mode moves with it, or the "
+        "structure changed between the levels; use the single levels, and give `opid modal` sine beats or free decays, "
+        "whose laws may have a joint"
     )
 
 
@@ -474,6 +480,8 @@ def _make_law(
     if ratio > settings.warned_misfit and equations.n_groups < FEWEST_GROUPS:
         # The law is of another kind, and nothing but a factor shows what that does to coefficients; whole curves do.
         tables = [{power: each.without_interval() for power, each in table.items()} for table in tables]
+    if not reaches_zero(amplitude):
+        tables = [{n: each.without_interval() if n == 1 else each for n, each in table.items()} for table in tables]
     return ResonanceLaw(
         stiffness=withhold_negative(tables[0]),
         damping=withhold_negative(tables[1]),
