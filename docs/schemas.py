@@ -31,10 +31,10 @@ from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
 from opid.modal.model import Comparison as TruthComparison, TruthTest
 from opid.modal.resonance.appropriation import Interaction
-from opid.modal.resonance.curve_fit import CurveFit
+from opid.modal.resonance.curve_fit import CurveFit, StateCheck
 from opid.modal.resonance.curves import ResponseCurve
 from opid.modal.resonance.held_out import HeldOut
-from opid.modal.resonance.law import ResonanceLaw, StateCheck
+from opid.modal.resonance.law import ResonanceLaw
 from opid.modal.resonance.result import OF_INTERACTION, OF_SEVERAL, SCHEMA as RESONANCE, Resonance, Resonances
 from opid.modal.result import SCHEMA as MODAL, ModalIdentification
 from opid.provenance import ReadFile

@@ -16,8 +16,9 @@ from opid.modal.forced.mode_fit import fit_mode
 from opid.modal.forced.system_fit import fit_system
 from opid.modal.identification import identify_modes
 from opid.modal.joint_terms import JointTerms, ModalJoint, load_joint
-from opid.modal.linear.modes import LinearModes, modal_test
+from opid.modal.linear.modes import LinearModes, delay_forces, modal_test
 from opid.modal.model import NonlinearModalModel, modal_response
+from opid.modal.settings import SIMULATED
 from opid.modal.study import ModalStudy, StudyTest
 from opid.report import writing
 from opid.signals.recording import recording_from_arrays
@@ -40,15 +41,19 @@ WORLDS = {
     "dahl": ("dahl_friction", (FORCE, TRAVEL)),
     "bouc_wen": ("bouc_wen", (FORCE, TRAVEL, 2.0)),
 }
+POWERS = {"stiffer": 0.4 * K0 / LARGEST**2, "damped": 2.0 * C0 / (LARGEST * K0**0.5)}
+"""A cubic spring of 40 % of k0 at LARGEST, and a quadratic damping of twice c0 there, beside one slider and Dahl's."""
 
 
 def joint_of(world):
     """The joint of a world as a part of a structure, and its stiffness at rest."""
     if world == "stiffer":
-        # A cubic spring of 40 % of k0 at LARGEST beside one slider
         joint, at_rest = joint_of("jenkins")
-        cubic = Law((Term("cubic_stiffness", (0.4 * K0 / LARGEST**2,)),))
+        cubic = Law((Term("cubic_stiffness", (POWERS[world],)),))
         return replace(joint, law=cubic), at_rest
+    if world == "damped":
+        joint, at_rest = joint_of("dahl")
+        return replace(joint, law=Law((*joint.law.terms, Term("quadratic_damping", (POWERS[world],))))), at_rest
     if world in ("jenkins", "iwan", "stuck"):
         stuck = iwan(stiffness_n_per_m=0.1 * K0, slip_force_n=7.5 * FORCE, chi=-0.3, beta=0.5, n=80)
         sliders = {"jenkins": Sliders([FORCE / TRAVEL], [FORCE]), "iwan": BOLT, "stuck": stuck}[world]
@@ -209,6 +214,17 @@ def test_the_fit_tells_the_joint_and_its_curves():
     assert not any("misses the tests" in each for each in found.all_warnings)
 
 
+def test_a_delay_between_force_and_motion_is_found_beside_a_joint():
+    late = [delay_forces(each, 1.0 / FS) for each in beats_of("dahl", 0, FEW)]
+    fit = identify_modes(study_of(late, memory="dahl_friction")).fits[0]
+    assert fit.delay_s.holds(-1.0 / FS)
+    assert fit.delay_s.std < 1e-5
+    for estimate, truth in zip(fit.joint_estimates.values, (FORCE, TRAVEL), strict=True):
+        assert abs(estimate.value - truth) < 3.0 * estimate.std
+        assert estimate.value == pytest.approx(truth, rel=5e-3)
+    assert sum("µs before the forces" in each for each in fit.warnings) == 1
+
+
 # ---- worlds without the joint ----------------------------------------------------------------------
 
 
@@ -227,6 +243,13 @@ def test_powers_are_not_told_as_a_joint():
     assert any("dahl_friction" in each for each in found.all_warnings)
 
 
+def test_beats_that_never_reach_the_slip_force_of_a_named_joint_show_a_linear_mode():
+    found = identify_modes(study_of(beats_of("jenkins", 0, (0.2, 0.4, 0.6)), memory="iwan_friction"))
+    assert found.fits[0].joint_estimates.named is None
+    assert found.fits[0].frequency_at_hz[-1] == pytest.approx(60.0, rel=1e-5)
+    assert any("do not determine iwan_friction" in each for each in found.all_warnings)
+
+
 @pytest.mark.parametrize(("world", "kind"), [("dahl", "iwan_friction"), ("bouc_wen", "dahl_friction")])
 def test_a_joint_of_another_kind_is_told(world, kind):
     found = fit_law(world, kind, levels=FEW)
@@ -237,11 +260,27 @@ def test_a_joint_of_another_kind_is_told(world, kind):
     assert abs(joint.values[0].value - truth[0]) < 3.0 * joint.values[0].std
 
 
-def test_a_joint_beside_a_power_that_nobody_names_is_left_out_or_has_no_interval():
-    found = identify_modes(study_of(beats_of("stiffer", 0, FEW[1:]), memory="iwan_friction"))
-    joint = found.fits[0].joint_estimates
-    assert joint.named is None or all(each.std is None for each in joint.values)
-    assert any("iwan_friction" in each for each in found.all_warnings)
+@pytest.mark.parametrize(("world", "kind", "n"), [("stiffer", "iwan_friction", 3), ("damped", "dahl_friction", 2)])
+def test_a_joint_beside_a_power_that_nobody_names_is_found(world, kind, n):
+    fit = identify_modes(study_of(beats_of(world, 0, FEW), memory=kind)).fits[0]
+    joint, power = fit.joint_estimates, {"stiffer": fit.stiffness, "damped": fit.damping}[world][n]
+    assert joint.kind.name == kind
+    for estimate, truth in ((joint.values[0], FORCE), (joint.values[1], TRAVEL), (power, POWERS[world])):
+        assert abs(estimate.value - truth) < 3.0 * estimate.std
+        assert estimate.value == pytest.approx(truth, rel=0.02)
+
+
+def test_a_joint_that_nobody_names_is_taken_where_all_else_leaves_far_more():
+    """With a force that is 3 % too large the true joint leaves more than noise, too."""
+    tests = beats_of("dahl", 0, FEW)
+    louder = [
+        replace(each, forces=tuple(replace(force, samples=1.03 * force.samples) for force in each.forces))
+        for each in tests
+    ]
+    found = fit_system(louder, fit_mode(louder, 1))
+    assert found.fit.misfit > SIMULATED.unexplained
+    assert found.fit.joint_estimates.kind.name == "dahl_friction"
+    assert found.fit.joint_estimates.values[0].holds(FORCE)
 
 
 # ---- the study -------------------------------------------------------------------------------------

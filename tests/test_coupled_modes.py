@@ -261,6 +261,14 @@ def test_friction_beside_powers_is_found():
     assert abs(friction.value - 0.5) < 3 * friction.std
 
 
+def test_friction_beside_a_spring_that_softens_much_is_found():
+    slides = ModalJoint(JointTerms(friction=0.13), 1e-3)
+    model = NonlinearModalModel(MODES, {1: power_law({3: -2e10}, {})}, {1: slides})
+    fit = identify_modes(make_study(make_beats(model, (0.8, 2.0, 4.0, 7.0, 10.0)))).fits[0]
+    assert fit.joint_estimates.friction.value == pytest.approx(0.13, rel=0.02)
+    assert fit.stiffness[3].holds(-2e10)
+
+
 def test_the_powers_stay_where_they_are_the_law():
     """No simulation is made where the equation leaves no more than noise."""
     beats = make_beats(NonlinearModalModel(MODES, {1: power_law({3: -2e9}, {2: 3.0})}), LEVELS)

@@ -300,6 +300,10 @@ class SimulationSettings:
     # misfit of other terms of the mode under test over that of the best ones, up to which they are tried again with the
     # joint: without it they can hardly be told apart
     own_rivals: float = 2.0
+    # fits of a law whose forces are delayed anew by what is left beside it, and the part of its standard deviation
+    # below which a delay is not corrected again: each fit leaves a tenth of the delay before it
+    delay_steps: int = 3
+    delay_left: float = 0.2
     # dry friction from which its search begins, over the force of the linear damping at the largest motion
     first_frictions: tuple[float, ...] = (0.02, 0.1, 0.3, 1.0, 3.0)
     first_slip: float = 0.3  # likewise the force of slip, from which the search for that of a driven mode begins
@@ -319,6 +323,10 @@ class SimulationSettings:
     # kinds are tried, and up to which one of them explains the tests. The motion that the noise of a force would cause
     # is only roughly known: true laws had 0.9 to 1.7
     unexplained: float = 2.5
+    # misfit of a joint for which nobody asked over that of the best other law, up to which it is taken although it
+    # leaves more than noise: the sliders of an Iwan joint are a sum of 60, and left 4 times the noise where friction
+    # left 60
+    far_less: float = 0.2
     # least size of a coefficient, over that force: of the slip from which a search begins where powers do not soften,
     # and of the steps of searches and differences; a tenth of the damping is the least that a test shows clearly
     least_size: float = 0.1

@@ -14,6 +14,7 @@ from itertools import product as combine
 import numpy as np
 
 from opid.errors import InputError
+from opid.mechanics.backbones.harmonic_balance import first_harmonic_factor
 from opid.modal.couplings import DEGREES, Product, list_products
 from opid.modal.forced.equation import Powers
 from opid.modal.forced.mode_fit import ModeFit
@@ -163,13 +164,20 @@ def list_own(system: System, fit: ModeFit, *, search_own: bool, free_linear: boo
     yield ModeTerms(powers), np.array([start])
     if not search_own:
         return
-    slip = max(_soften(system, fit) / float(slip_softening(SIMULATED.first_slip_exponent)), SIMULATED.least_size)
+    softer = _soften(system, fit)
+    slip = max(softer / float(slip_softening(SIMULATED.first_slip_exponent)), SIMULATED.least_size)
     linear = (1,) if free_linear else ()
     frictions, exponents = SIMULATED.first_frictions, SIMULATED.first_slip_exponents
     for k in (linear, (*linear, 3)):
-        zeros, own = [0.0] * (len(k) + len(linear)), Powers(k, linear)
-        yield ModeTerms(own, has_friction=True), np.array([[*zeros, each] for each in frictions])
-        yield ModeTerms(own, memory=SLIP), np.array([[*zeros, slip, each] for each in exponents])
+        own, of_linear = Powers(k, linear), [0.0] * len(linear)
+        # With friction nothing but k3 moves the frequency as the powers do, and beside slip either may.
+        bent = [*of_linear, *[-softer / float(first_harmonic_factor(3))] * (3 in k), *of_linear]
+        zeros = [0.0] * len(bent)
+        frictional = [[*bent, each] for each in frictions]
+        slipping = [[*zeros, slip, each] for each in exponents]
+        slipping += [[*bent, SIMULATED.least_size, each] for each in exponents] if 3 in k else []
+        yield ModeTerms(own, has_friction=True), np.array(frictional)
+        yield ModeTerms(own, memory=SLIP), np.array(slipping)
 
 
 def _soften(system: System, fit: ModeFit) -> float:
@@ -179,19 +187,39 @@ def _soften(system: System, fit: ModeFit) -> float:
 
 
 def list_joints(
-    system: System, fit: ModeFit, kinds: Iterable[JointKind], *, search_own: bool, free_linear: bool
+    system: System,
+    fit: ModeFit,
+    kinds: Iterable[JointKind],
+    beside: Powers | None = None,
+    /,
+    *,
+    search_own: bool,
+    free_linear: bool,
 ) -> Iterator[OwnTerms]:
-    """Yield joints of named kinds, beside powers only where the orders of these are given and not searched."""
+    """Yield joints of named kinds, beside powers only where their orders are given and not searched, or `beside` is."""
     linear, at = (1,) if free_linear else (), np.ones(1)
     powers = Powers(linear, linear) if search_own else Powers(tuple(fit.stiffness), tuple(fit.damping))
+    if beside is not None:
+        powers = Powers((*linear, *beside.k), (*linear, *beside.c))
     softer = _soften(system, fit)
+    bends = beside is not None and 3 in beside.k
     for kind in kinds:
         terms, starts = ModeTerms(powers, memory=kind), []
         for inner in kind.list_starts():
             of_unit = float(JointTerms.of_kind(0.0, kind, (1.0, *inner)).find_softening(at)[0])
-            force = max(softer / max(of_unit, SIMULATED.least_softening), SIMULATED.least_size)
-            starts += [[*[0.0] * terms.n_powers, times * force, *inner] for times in SIMULATED.first_forces]
+            shown = _lose(fit) if bends else softer / max(of_unit, SIMULATED.least_softening)
+            for force in (times * max(shown, SIMULATED.least_size) for times in SIMULATED.first_forces):
+                values = dict.fromkeys(powers.k, 0.0)
+                if bends:
+                    # A spring makes up for what the joint softens more than the powers do.
+                    values[3] = (force * of_unit - softer) / float(first_harmonic_factor(3))
+                starts.append([*values.values(), *[0.0] * len(powers.c), force, *inner])
         yield terms, np.array(starts)
+
+
+def _lose(fit: ModeFit) -> float:
+    """Return the friction that loses what the powers lose at the largest displacement, in the units of the system."""
+    return max(float(fit.damping_at[-1]) / fit.damping_ratio - 1.0, 0.0) * np.pi / 4.0
 
 
 def _is_determined(found: FittedForm) -> bool:
@@ -263,21 +291,34 @@ def list_kinds(memory: str | None) -> tuple[JointKind, ...]:
 
 
 def try_other_joints(
-    system: System, fit: ModeFit, kinds: Sequence[JointKind], *, search_own: bool, free_linear: bool
+    system: System, fit: ModeFit, kinds: Sequence[JointKind], best: float, *, search_own: bool, free_linear: bool
 ) -> list[Trial]:
-    """Return joints of named kinds that nobody asked for, those that alone leave no more of the tests than noise.
+    """Return joints where no law explains the tests: those that were asked for beside powers, and those of other kinds.
+
+    Of the others those count that leave no more of the tests than noise, or little, and far less than the best law.
 
     Args:
         system: the mode under test alone, and its tests.
         fit: the mode by itself.
         kinds: the joints that were asked for.
+        best: misfit of the best law over that of the noise; infinite where none could be simulated.
         search_own: whether the powers are searched, so that none stand beside the joints.
         free_linear: whether k0 and c0 are corrected.
     """
+    free: dict[str, bool] = {"search_own": search_own, "free_linear": free_linear}
+    beside = (Powers((3,), ()), Powers((), (2,)), Powers((3,), (2,))) if search_own else ()
+    asked = [own for powers in beside for own in list_joints(system, fit, kinds, powers, **free)]
     others = [kind for several in JOINT_KINDS.values() for kind in several if kind not in kinds]
-    own = list_joints(system, fit, others, search_own=search_own, free_linear=free_linear)
-    trials = try_forms(system, own, (), np.zeros(0), has_joint=False, free_linear=free_linear)
-    return [each for each in trials if each.found.find_excess(system) <= SIMULATED.unexplained]
+    both = (asked, list_joints(system, fit, others, **free))
+    named, found = (try_forms(system, own, (), np.zeros(0), has_joint=False, free_linear=free_linear) for own in both)
+    return named + [each for each in found if _is_explained(each.found, system, best)]
+
+
+def _is_explained(found: FittedForm, system: System, best: float) -> bool:
+    """Return whether a joint leaves no more of the tests than noise, or little, and far less than the best law."""
+    excess = found.find_excess(system)
+    is_good = float(found.missed[0]) <= SIMULATED.warned_missed and excess <= SIMULATED.far_less * best
+    return is_good or excess <= SIMULATED.unexplained
 
 
 def choose_form(trials: Sequence[Trial], mode: int, memory: str | None) -> Choice:
@@ -314,7 +355,7 @@ def choose_form(trials: Sequence[Trial], mode: int, memory: str | None) -> Choic
     why = (
         f"mode {mode}: {memory}, which the study names, is left out: laws without it explain the tests better (what "
         f"is left out in turn is missed by {errors} of the motion; the best law is {best.terms}): leave memory out, or "
-        "give orders of powers beside the joint, of which it has none by itself"
+        "give orders of powers beside the joint, of which only k3 and c2 are tried"
     )
     return Choice(best, _tell_found(best, mode), why)
 

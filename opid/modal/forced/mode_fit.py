@@ -142,7 +142,7 @@ class ModeFit:
     @property
     def is_delayed(self) -> bool:
         """Whether the accelerations come before or after the forces beyond doubt."""
-        return abs(self.delay_s.value or 0.0) > MODAL.delay_sigma * (self.delay_s.std or 0.0)
+        return is_delay_sure(self.delay_s)
 
     @property
     def joint(self) -> ModalJoint:
@@ -228,7 +228,9 @@ def fit_mode(
     misfit = _find_misfit(lines, found)
     found = add_model_error(add_scale_error(found, lines, mass), lines, misfit)
     found = add_delay_error(found, lines, delay_left_s)
-    fit = replace(_make_mode_fit(tests, mode, lines, band, found, mass, tried), delay_s=_widen_delay(delay, lines))
+    fit = replace(
+        _make_mode_fit(tests, mode, lines, band, found, mass, tried), delay_s=widen_delay(delay, lines[0].linear[0])
+    )
     loudest = int(np.argmax([each.largest_q for each in lines]))
     warnings = [warning for _, of_test in checks for warning in of_test]
     warnings += warn_of_rates(tests, mode)
@@ -238,11 +240,21 @@ def fit_mode(
     return replace(fit, interactions=interactions, warnings=(*warnings, *warn_of_fit(fit)))
 
 
-def _widen_delay(delay: Estimate, lines: Sequence[ModeLines]) -> Estimate:
-    """Return a delay with the phase that neighbours make as they leak through the modal filter in its interval."""
+def is_delay_sure(delay: Estimate) -> bool:
+    """Return whether a delay differs from zero beyond doubt."""
+    return abs(delay.value or 0.0) > MODAL.delay_sigma * (delay.std or 0.0)
+
+
+def widen_delay(delay: Estimate, stiffness: float) -> Estimate:
+    """Return a delay whose interval holds the phase that neighbours make as they leak through the modal filter.
+
+    Args:
+        delay: the delay, s.
+        stiffness: k0 of the mode, 1/s^2.
+    """
     if delay.value is None:
         return delay
-    leaks_s = MODAL.delay_phase_std / np.sqrt(lines[0].linear[0])
+    leaks_s = MODAL.delay_phase_std / np.sqrt(stiffness)
     return Estimate.normal(delay.value, float(np.hypot(delay.std or 0.0, leaks_s)))
 
 

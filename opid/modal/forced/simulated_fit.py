@@ -128,25 +128,46 @@ def refine_form(system: System, rough: FittedForm) -> FittedForm:
     return _describe(system, rough.form, found, _weights_of(system, found))
 
 
-def fit_mass(system: System, found: FittedForm) -> Estimate:
-    """Return the modal mass that the tests show of the mode under test beside a law, as `fit_modal_mass` does.
+def fit_force(system: System, found: FittedForm) -> tuple[Estimate, Estimate]:
+    """Return the modal mass of the mode under test that the tests show beside a law, and the delay of its motion, s.
 
-    It is the factor by which the forces are too large for the motion, to the first order. A rough standard deviation
-    is enough, so what the law leaves is taken as white.
+    They are the factor by which the forces are too large for the motion, and the time by which the accelerations come
+    after them, to the first order (see `fit_modal_mass` and `fit_delay`). A rough standard deviation is enough, so what
+    the law leaves is taken as white; that of the delay is at least what the answers without each test show (jackknife).
+    With fewer than three tests no delay is stated.
     """
-    step, weights = 1e-3, _weights_of(system, found.minimum)
+    step, late_s, weights = 1e-3, 1e-3 / float(np.sqrt(system.modes.stiffness()[0])), _weights_of(system, found.minimum)
     scaled = replace(system, tests=tuple(replace(each, forces=each.forces / (1.0 + step)) for each in system.tests))
-    moved = _subtract(scaled, found.form, found.vector)
-    left, right, slopes = (
-        np.concatenate([_as_real(row, own) for row, own in zip(rows, weights, strict=True)])
-        for rows in (found.minimum.left, moved, found.minimum.jacobian)
-    )
-    columns = np.column_stack([slopes, (right - left) / step])
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    inverse = np.linalg.pinv(columns / scale)
-    off = float(inverse[-1] @ left) / scale[-1]
-    rms = float(np.sqrt(np.mean((left - columns / scale @ (inverse @ left)) ** 2)))
-    return Estimate.normal(1.0 - off, rms * float(np.linalg.norm(inverse[-1])) / scale[-1])
+    more = [(_subtract(scaled, found.form, found.vector), step)]
+    if len(system.tests) > 2:
+        more += [(_subtract(system.delay_forces(late_s), found.form, found.vector), late_s)]
+    left = [_as_real(row, own) for row, own in zip(found.minimum.left, weights, strict=True)]
+    slopes = [_as_real(row, own) for row, own in zip(found.minimum.jacobian, weights, strict=True)]
+    moved = [
+        np.stack([(_as_real(rows[at], own) - left[at]) / by for rows, by in more], axis=1)
+        for at, own in enumerate(weights)
+    ]
+    columns = [np.column_stack(both) for both in zip(slopes, moved, strict=True)]
+    (off, *late), (off_std, *late_std) = _solve_steps(columns, left, len(more))
+    if not late:
+        return Estimate.normal(1.0 + off, off_std), Estimate()
+    without = [
+        _solve_steps(columns[:at] + columns[at + 1 :], left[:at] + left[at + 1 :], len(more))[0][-1]
+        for at in range(len(left))
+    ]
+    delay_std = max(float(late_std[0]), float(np.sqrt((len(left) - 1) * np.var(without))))
+    return Estimate.normal(1.0 + off, off_std), Estimate.normal(late[0], delay_std)
+
+
+def _solve_steps(columns: Sequence[FloatArray], left: Sequence[FloatArray], n: int) -> tuple[list[float], list[float]]:
+    """Return the last n of the steps that make up for what is left, and their standard deviations by white errors."""
+    matrix, errors = np.concatenate(columns), np.concatenate(left)
+    scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    inverse = np.linalg.pinv(matrix / scale)
+    step = -inverse @ errors
+    rms = float(np.sqrt(np.mean((errors + matrix / scale @ step) ** 2)))
+    std = rms * np.linalg.norm(inverse, axis=1) / scale
+    return (step / scale)[-n:].tolist(), std[-n:].tolist()
 
 
 Weights = list[list[float]]
@@ -341,13 +362,13 @@ def _choose_folds(system: System, errors: FloatArray) -> FloatArray:
 
 
 def differentiate(function: Callable[[FloatArray], FloatArray], at: FloatArray) -> FloatArray:
-    """Return the (m, p) derivatives of a function by central differences."""
+    """Return the (m, p) derivatives of a function by central differences; p is 0 for a law without coefficients."""
     columns = []
     for index, value in enumerate(at):
         step = np.zeros_like(at)
         step[index] = 1e-5 * max(abs(value), SIMULATED.least_size)
         columns.append((function(at + step) - function(at - step)) / (2 * step[index]))
-    return np.stack(columns, axis=1)
+    return np.stack(columns, axis=1) if columns else np.zeros((function(at).size, 0))
 
 
 def estimate_joint(terms: ModeTerms, estimates: Sequence[Estimate]) -> JointEstimates:
@@ -357,9 +378,12 @@ def estimate_joint(terms: ModeTerms, estimates: Sequence[Estimate]) -> JointEsti
 
 
 def update_mode_fit(
-    fit: ModeFit, found: FittedForm, estimates: list[Estimate], *, misfit: float, mass: Estimate
+    fit: ModeFit, found: FittedForm, estimates: list[Estimate], *, misfit: float, mass: Estimate, delay_s: Estimate
 ) -> ModeFit:
-    """Return the fit of the mode under test with the law by simulation, its misfit over noise and the mass it shows."""
+    """Return the fit of the mode under test with the law by simulation, its misfit over noise, and what it shows else.
+
+    That is the modal mass and the delay of the accelerations, s.
+    """
     terms, values = found.form.own[fit.mode], found.values.own[fit.mode]
     explained = {mode for each in found.values.couplings for mode in each.modes}
     k, c, amplitude = terms.powers.k, terms.powers.c, fit.stiffness_curve.position
@@ -378,6 +402,7 @@ def update_mode_fit(
         residual_fraction=float(found.missed[0]),
         misfit=misfit,
         modal_mass=mass,
+        delay_s=delay_s,
         stiffness=stiffness,
         damping=damping_powers,
         joint_estimates=estimate_joint(terms, estimates),

@@ -195,6 +195,10 @@ class System:
         of_memory = terms.memory.find_factors(terms.split(values)[3], force, a) if terms.memory else ()
         return [*of_powers, *[force] * terms.has_friction, *of_memory]
 
+    def delay_forces(self, delay_s: float) -> System:
+        """Return the system with forces that come later by a time, s; both ends of the forces should be quiet."""
+        return replace(self, tests=tuple(each.delay_forces(delay_s) for each in self.tests)) if delay_s else self
+
     def top_speed(self, index: int) -> float:
         """Return the velocity of a mode at its largest displacement and natural frequency, m/s kg^1/2."""
         return float(self.largest[index] * np.sqrt(self.modes.stiffness()[index]))
@@ -263,6 +267,11 @@ class SystemTest:
     moved: tuple[float, ...]
     reach: int
     _between: dict[int, FloatArray] = field(init=False, repr=False, default_factory=dict)
+
+    def delay_forces(self, delay_s: float) -> SystemTest:
+        """Return the test with forces that come later by a time, s."""
+        turn = np.exp(-2j * np.pi * fft.rfftfreq(self.n_samples, 1 / self.fs) * delay_s)
+        return replace(self, forces=fft.irfft(turn[:, None] * fft.rfft(self.forces, axis=0), self.n_samples, axis=0))
 
     def find_forces(self, steps: int) -> FloatArray:
         """Return the modal forces at half steps, (n_half_steps, n_modes), for a number of steps in each sample."""

@@ -31,14 +31,14 @@ from opid.modal.forced.form_search import (
     try_forms,
     try_other_joints,
 )
-from opid.modal.forced.mode_fit import ModeFit
+from opid.modal.forced.mode_fit import ModeFit, is_delay_sure, widen_delay
 from opid.modal.forced.mode_tests import Interaction
 from opid.modal.forced.restoring_fit import find_rms, find_shown_mass, list_near
 from opid.modal.forced.simulated_fit import (
     FittedForm,
     estimate_joint,
+    fit_force,
     fit_form,
-    fit_mass,
     refine_form,
     update_mode_fit,
 )
@@ -179,7 +179,7 @@ def fit_system(
     found = _choose_law(system, finer, fit, trials, memory, products or ()) if trials else None
     has_more = (search_own or kinds) and len(bands) == 1
     if has_more and (found is None or found.fit.misfit > SIMULATED.unexplained):
-        more = try_other_joints(system, fit, kinds, **free)
+        more = try_other_joints(system, fit, kinds, found.fit.misfit if found else np.inf, **free)
         found = _choose_law(system, finer, fit, [*trials, *more], memory, products or ()) if more else found
     if found is None:
         raise InputError(_explain_unbounded(tests, fit, first))
@@ -297,15 +297,16 @@ def _make_fit(
     system: System, fit: ModeFit, trials: Sequence[Trial], chosen: Trial, likely: Sequence[FittedForm]
 ) -> SystemFit:
     """Return the fit of the first of the likely ends of the search of the chosen form."""
+    system, likely, mass, delay = _correct_delay(system, fit, likely)
     found, has_rivals = likely[0], len(likely) > 1
     near = [trials[index] for index in list_near(*list_errors(trials))]
     others = [each.found for each in near if each.found.form != chosen.found.form]
     spread = _find_spread(found, [*others, *likely])
     freed = _free_scales(system, found)
     by_scale = _find_error_by_scale(found, freed) if freed else 0.0
-    mass = fit_mass(system, found)
     by_mass = _find_error_by_mass(system, found, find_shown_mass(mass))
-    more = spread**2 + _find_model_errors(system, found) ** 2 + by_scale**2 + by_mass**2
+    by_delay = _find_error_by_delay(system, found, delay)
+    more = spread**2 + _find_model_errors(system, found) ** 2 + by_scale**2 + by_mass**2 + by_delay**2
     found = replace(found, covariance=found.covariance + np.diag(more))
     std = iter(found.std.tolist())
     estimates: dict[int, list[Estimate]] = {}
@@ -326,10 +327,50 @@ def _make_fit(
     missed = dict(zip(system.numbers, found.missed.tolist(), strict=True))
     at = dict(zip(system.numbers, system.largest.tolist(), strict=True))
     driven = {mode: _make_law(found, mode, each, at[mode]) for mode, each in estimates.items() if mode != fit.mode}
-    updated = update_mode_fit(fit, found, estimates[fit.mode], misfit=found.find_excess(system), mass=mass)
+    updated = update_mode_fit(
+        fit, found, estimates[fit.mode], misfit=found.find_excess(system), mass=mass, delay_s=delay
+    )
     made = SystemFit(system.numbers, updated, driven, couplings, ratios, missed, rungs, ())
     warnings = [*_warn_of_fit(made, found, has_rivals), *(_warn_of_scales(freed) if freed else ())]
     return replace(made, warnings=tuple(warnings))
+
+
+def _correct_delay(
+    system: System, fit: ModeFit, likely: Sequence[FittedForm]
+) -> tuple[System, Sequence[FittedForm], Estimate, Estimate]:
+    """Return the system with forces that come later by the delay beside its law, its fits, the modal mass, that delay.
+
+    The system is given with the delay that the powers show. A joint bends the phase of each level as powers do not, and
+    what they make of that is mistaken for a delay.
+    """
+    given_s = float(fit.delay_s.value or 0.0) if fit.is_delayed else 0.0
+    shifted, applied_s = system, given_s
+    for step in range(SIMULATED.delay_steps):
+        mass, left = fit_force(shifted, likely[0])
+        if left.value is None:
+            return system, likely, mass, fit.delay_s
+        k0 = float(system.modes.stiffness()[0])
+        delay = widen_delay(Estimate.normal(applied_s + left.value, float(left.std or 0.0)), k0)
+        wanted_s = float(delay.value or 0.0) if is_delay_sure(delay) else 0.0
+        if step + 1 == SIMULATED.delay_steps or abs(wanted_s - applied_s) < SIMULATED.delay_left * float(
+            left.std or 0.0
+        ):
+            break
+        shifted, applied_s = system.delay_forces(wanted_s - given_s), wanted_s
+        likely = [refine_form(shifted, each) for each in likely]
+    return shifted, likely, mass, delay
+
+
+def _find_error_by_delay(system: System, found: FittedForm, delay: Estimate) -> FloatArray:
+    """Return how far the error of a delay moves the values, flattened; see `restoring_fit.add_delay_error`."""
+    values, value, std = found.values.flatten(), float(delay.value or 0.0), float(delay.std or 0.0)
+    left_s = std if is_delay_sure(delay) else float(np.sqrt(max(value**2 - std**2, 0.0)))
+    if not left_s:
+        return np.zeros(values.size)
+    try:
+        return fit_form(system.delay_forces(left_s), found.form, found.vector, is_near=True).values.flatten() - values
+    except InputError:
+        return np.full(values.size, np.inf)
 
 
 def _find_error_by_mass(system: System, found: FittedForm, mass: float) -> FloatArray:

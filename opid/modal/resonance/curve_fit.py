@@ -15,10 +15,18 @@ from opid.modal.forced.mode_fit import UNITS
 from opid.modal.linear.modes import LinearModes
 from opid.modal.resonance.curves import ResponseCurve, read_curve_states
 from opid.modal.resonance.driven_curve import CurveResonance, DrivenCurve, find_resonance
-from opid.modal.resonance.law import ResonanceLaw, StateCheck, check_states, fit_states
+from opid.modal.resonance.law import (
+    Equations,
+    ResonanceLaw,
+    explain_phase,
+    find_columns,
+    find_group_covariance,
+    fit_states,
+)
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
 from opid.modal.settings import MODAL
+from opid.signals.recording import FloatArray
 
 BEYOND = 1.5  # largest amplitude at which a law makes motions, over the largest that it was fitted to
 
@@ -79,6 +87,19 @@ class CurveFit:
             "peak_ratio": self.peak_ratio,
             "resonance": None if self.resonance is None else asdict(self.resonance),
         }
+
+
+@dataclass(frozen=True)
+class StateCheck:
+    """What motions at many frequencies show beside a law, if it is left free.
+
+    Args:
+        inertia: inertia of the mode, 1 where force, motion and shape have their right units.
+        lag: rate of the frequency that would make the motions lag behind it, rad/s^2; 0 where each is steady.
+    """
+
+    inertia: Estimate
+    lag: Estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +165,7 @@ def fit_curves(
         return CurvesLaw(states, None, None, str(error))
     slopes = np.concatenate([_find_slope(several, chosen) for several in each])
     check = check_states(states, slopes, law)
-    reason = _find_contradiction(check, modes, mode, chosen)
+    reason = _find_contradiction(check, modes, mode, chosen) or explain_phase(law, chosen)
     return CurvesLaw(states, None if reason else law, check, reason)
 
 
@@ -281,3 +302,70 @@ def scale_shapes(
         if abs(value - 1.0) < chosen.mass_converged:
             break
     return modes, Estimate.normal(mass, mass * std)
+
+
+# ---- what motions show beside a law -------------------------------------------------------------------------
+
+
+def check_states(
+    states: Sequence[SteadyState], slope: ComplexArray, law: ResonanceLaw, *, is_grouped: bool = False
+) -> StateCheck:
+    """Fit the powers of a law once more, with the inertia and the rate of the frequency free.
+
+    In a sweep the motion Re A(omega) exp(j phi) has the velocity (A' rate + j omega A), so the equation of the mode
+    gets the term 2 j omega rate A'/A beside p^2.
+
+    Args:
+        states: the motions.
+        slope: (n,) change of the complex amplitude over itself with the frequency, s/rad, counted positive in the
+            direction in which the frequency was driven; zero where it is not known.
+        law: the law that they gave.
+        is_grouped: whether motions of one source share errors, as the points of a response curve do.
+    """
+    equations, chosen = _list_columns(states, law, is_grouped=is_grouped)
+    lagging = 2j * np.array([each.pole.imag for each in states]) * slope / equations.scale
+    value, std = _solve_columns([*chosen, 1j * equations.force, equations.inertia, lagging], equations.left, equations)
+    return StateCheck(Estimate.normal(1.0 + value[-2], std[-2]), Estimate.normal(value[-1], std[-1]))
+
+
+def find_inertia_range(states: Sequence[SteadyState], law: ResonanceLaw) -> tuple[Estimate, Estimate]:
+    """Return the least and the largest inertia of the mode that motions show beside a law.
+
+    The frequency of a motion has an error, too. What it moves is mistaken for inertia, which draws the inertia to 0
+    where the equation is solved for the force; solved for the frequency it is drawn to infinity by errors of the force.
+    The truth lies between the two (Frisch 1934). Levels at quadrature alone leave that range open: a stiffness that
+    depends on the amplitude explains all of their frequencies, whatever the inertia is.
+    """
+    equations, chosen = _list_columns(states, law)
+    turned = 1j * equations.force
+    value, std = _solve_columns([*chosen, turned, equations.inertia], equations.left, equations)
+    inverse, of_inverse = _solve_columns([*chosen, turned, equations.force], equations.inertia, equations)
+    least = Estimate.normal(1.0 + value[-1], std[-1])
+    share = float(inverse[-1])
+    return least, Estimate.normal(1.0 / share, float(of_inverse[-1]) / share**2) if share > 0.0 else Estimate()
+
+
+def _list_columns(
+    states: Sequence[SteadyState], law: ResonanceLaw, *, is_grouped: bool = False
+) -> tuple[Equations, list[ComplexArray]]:
+    """Return the equations of the motions, and the columns of the powers of a law over their scale."""
+    equations = Equations.of(states, (0.0, 1.0, 0.0), is_grouped=is_grouped)
+    columns = find_columns(states, [each.displacement[:1] for each in states])
+    chosen = [columns[0][:, n - 1] for n in law.stiffness] + [columns[1][:, n - 1] for n in law.damping]
+    return equations, [each / equations.scale for each in chosen]
+
+
+def _solve_columns(
+    columns: Sequence[ComplexArray], left_side: ComplexArray, equations: Equations
+) -> tuple[FloatArray, FloatArray]:
+    """Return the values of some columns by least squares, and their standard deviations by what they leave."""
+    whole, weights = np.column_stack(columns), np.tile(equations.std[0], 2)
+    rows = np.vstack([whole.real, whole.imag]) / weights[:, None]
+    left = np.concatenate([left_side.real, left_side.imag]) / weights
+    norms = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+    inverse = np.linalg.pinv(rows / norms, rcond=1e-12)
+    value = inverse @ left / norms
+    freedom = max(left.size - value.size, 1)
+    ratio = max(float(np.sqrt(np.sum((left - rows @ value) ** 2) / freedom)), 1.0)
+    std = ratio * np.sqrt(np.sum(inverse**2, axis=1)) / norms
+    return value, np.hypot(std, np.sqrt(np.diag(find_group_covariance(rows, left, equations.groups))))

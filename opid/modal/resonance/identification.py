@@ -17,13 +17,14 @@ from opid.modal.resonance.curve_fit import (
     CurveFit,
     CurvesLaw,
     describe_wrong_mass,
+    find_inertia_range,
     fit_curves,
     make_curve,
     scale_shapes,
 )
 from opid.modal.resonance.curves import ResponseCurve, find_curve_mode
 from opid.modal.resonance.held_out import HeldOut, choose_held_out, predict_held_out
-from opid.modal.resonance.law import ResonanceLaw, check_states, fit_states
+from opid.modal.resonance.law import ResonanceLaw, explain_phase, fit_states, reaches_zero
 from opid.modal.resonance.result import Resonance, Resonances
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import MeasuredLevel, SteadyState, measure_levels
@@ -218,11 +219,24 @@ def _identify_mode(
         held_out=found.held_out,
         modal_mass=mass,
         interaction=levels.interaction if levels else None,
-        warnings=(*(levels.warnings if levels else ()), *found.warnings),
+        warnings=(*_warn_of_named(study, own.mode), *(levels.warnings if levels else ()), *found.warnings),
         not_determined="; ".join(filter(None, reasons)) if records_law is None and curves_law is None else "",
         settings={**orders, **asdict(wanted), "study": str(study.source or "")},
         read_files=own.files,
     )
+
+
+def _warn_of_named(study: ModalStudy, mode: int) -> Iterator[str]:
+    """Warn of what a study names for the law of a mode and this law cannot have."""
+    named = [f"the joint {study.memory}"] if study.memory and mode in (study.nonlinear or (mode,)) else []
+    products = ", ".join(each.name for each in study.find_couplings(mode))
+    named += [f"the coupling(s) {products}"] if products else []
+    if named:
+        yield (
+            f"{' and '.join(named)} that the study names {'is' if len(named) == 1 and not products else 'are'} left "
+            "out: the law of tests at phase resonance and of response curves has powers of one mode only; give "
+            "`opid modal` sine beats or free decays of it"
+        )
 
 
 def _scale(
@@ -387,6 +401,8 @@ def _identify_levels(
         )
     if laws and moving and (reason := _find_wrong_mass([*states, *moving], laws[1], number, chosen)):
         laws = []
+    if laws and (reason := next(filter(None, (explain_phase(law, chosen) for law in laws)), "")):
+        laws = []
     backbone_law, records_law = laws if laws else (None, None)
     interaction = _check_interaction(appropriation)
     return _Levels(
@@ -411,11 +427,14 @@ def _find_wrong_mass(states: Sequence[SteadyState], law: ResonanceLaw, mode: int
 
     The transients are not free enough of other motion for more than that.
     """
-    found = check_states(states, np.zeros(len(states), dtype=np.complex128), law).inertia
-    inertia, std = float(found.value or 0.0), settings.hidden_sigma * float(found.std or 0.0)
+    least, largest = find_inertia_range(states, law)
     low, high = MODAL.mass_range
-    if low - std < inertia < high + std:
+    bounds = float(least.value or 0.0), float(largest.value or np.inf)
+    is_less = bounds[1] + settings.hidden_sigma * float(largest.std or 0.0) < low
+    is_more = bounds[0] - settings.hidden_sigma * float(least.std or 0.0) > high
+    if not is_less and not is_more:
         return ""
+    inertia = float(np.sqrt(bounds[0] * bounds[1])) if 0.0 < bounds[0] < bounds[1] < np.inf else bounds[0]
     return describe_wrong_mass(inertia, "the levels and the transients between them show", mode, settings)
 
 
@@ -543,7 +562,14 @@ def _warn_of_law(law: ResonanceLaw, source: str, settings: ResonanceSettings) ->
     if abs(phase.value or 0.0) > max(settings.warned_phase_deg, settings.hidden_sigma * (phase.std or 0.0)):
         yield (
             f"the {source} show that the force is {phase.value:.1f} degrees ahead of what moves the mode (standard "
-            f"deviation {phase.std:.1g}): the law is corrected for it; check delay and filters of the force channel"
+            f"deviation {phase.std:.1g}): the law is corrected for it, and the single levels are not; check delay and "
+            "filters of the force channel"
+        )
+    if not reaches_zero(law.amplitude):
+        yield (
+            f"the {source} do not reach below {law.amplitude[0] / law.amplitude[-1]:.0%} of their largest amplitude: "
+            "k0 and c0 are extrapolated by powers, which a joint does not follow, and have no intervals; record lower "
+            "levels, and use the law within these amplitudes only"
         )
     if law.is_withheld:
         yield (
@@ -552,7 +578,8 @@ def _warn_of_law(law: ResonanceLaw, source: str, settings: ResonanceSettings) ->
             "amplitudes only"
         )
     if law.misfit > settings.warned_misfit:
+        of_coefficients = ", and its coefficients have none" if law.stiffness[1].interval95 is None else ""
         yield (
             f"the law by the {source} misses them by {law.misfit:.1f} standard deviations of their noise: powers of "
-            "one mode do not describe it; the intervals are widened by this factor"
+            f"one mode do not describe it; the intervals are widened by this factor{of_coefficients}"
         )

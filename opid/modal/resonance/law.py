@@ -30,6 +30,7 @@ from opid.modal.forced.equation import Powers
 from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_law, withhold_negative
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
+from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
 
 FEWEST_GROUPS = 3  # curves of which one can be left out and the others still show how frequency and damping move
@@ -114,7 +115,8 @@ class ResonanceLaw:
     @property
     def is_withheld(self) -> bool:
         """Whether the law extrapolates to a negative k0 or c0, for which no interval is given."""
-        return any(each[1].interval95 is None for each in (self.stiffness, self.damping))
+        linear = (self.stiffness[1], self.damping[1])
+        return any(each.interval95 is None and (each.value or 0.0) < 0.0 for each in linear)
 
     @property
     def law(self) -> Law:
@@ -184,7 +186,10 @@ def fit_states(
     phase = float(np.hypot(np.radians(settings.phase_tolerance_deg), systematic))
     if known_phase_deg is not None:
         centre, std = np.radians([known_phase_deg.value or 0.0, known_phase_deg.std or 0.0])
-        return fit((gain, float(std), float(centre)))
+        law = fit((gain, float(std), float(centre)))
+        # What powers do not describe weighs less against what is known of the phase, too.
+        is_poor = law.misfit > settings.warned_misfit
+        return fit((gain, float(std) / law.misfit, float(centre))) if is_poor else law
     law = fit((gain, phase, 0.0))
     if abs(np.radians(law.force_phase_deg.value or 0.0)) > settings.disbelief * phase:
         # The motions contradict what was believed of the phase: they alone tell it then.
@@ -193,51 +198,22 @@ def fit_states(
     return law
 
 
-@dataclass(frozen=True)
-class StateCheck:
-    """What motions at many frequencies show beside a law, if it is left free.
-
-    Args:
-        inertia: inertia of the mode, 1 where force, motion and shape have their right units.
-        lag: rate of the frequency that would make the motions lag behind it, rad/s^2; 0 where each is steady.
-    """
-
-    inertia: Estimate
-    lag: Estimate
+def reaches_zero(amplitude: FloatArray) -> bool:
+    """Return whether motions tell what the mode does at zero amplitude, where powers alone would extrapolate."""
+    return bool(amplitude.min() <= MODAL.reaches_zero * amplitude.max())
 
 
-def check_states(
-    states: Sequence[SteadyState], slope: ComplexArray, law: ResonanceLaw, *, is_grouped: bool = False
-) -> StateCheck:
-    """Fit the powers of a law once more, with the inertia and the rate of the frequency free.
-
-    In a sweep the motion Re A(omega) exp(j phi) has the velocity (A' rate + j omega A), so the equation of the mode
-    gets the term 2 j omega rate A'/A beside p^2.
-
-    Args:
-        states: the motions.
-        slope: (n,) change of the complex amplitude over itself with the frequency, s/rad, counted positive in the
-            direction in which the frequency was driven; zero where it is not known.
-        law: the law that they gave.
-        is_grouped: whether motions of one source share errors, as the points of a response curve do.
-    """
-    equations = _Equations.of(states, (0.0, 1.0, 0.0), is_grouped=is_grouped)
-    columns = _find_columns(states, [each.displacement[:1] for each in states])
-    chosen = [columns[0][:, n - 1] for n in law.stiffness] + [columns[1][:, n - 1] for n in law.damping]
-    square = -(equations.omega**2)
-    lagging = 2j * equations.omega * slope
-    whole = np.column_stack([*chosen, square, lagging, 1j * equations.force * equations.scale]) / equations.scale
-    rows = np.vstack([whole.real, whole.imag]) / np.tile(equations.std[0], 2)[:, None]
-    left = np.concatenate([equations.left.real, equations.left.imag]) / np.tile(equations.std[0], 2)
-    norms = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
-    inverse = np.linalg.pinv(rows / norms, rcond=1e-12)
-    value = inverse @ left / norms
-    freedom = max(left.size - value.size, 1)
-    ratio = max(float(np.sqrt(np.sum((left - rows @ value) ** 2) / freedom)), 1.0)
-    std = ratio * np.sqrt(np.sum(inverse**2, axis=1)) / norms
-    std = np.hypot(std, np.sqrt(np.diag(find_group_covariance(rows, left, equations.groups))))
-    at = len(chosen)
-    return StateCheck(Estimate.normal(1.0 + value[at], std[at]), Estimate.normal(value[at + 1], std[at + 1]))
+def explain_phase(law: ResonanceLaw, settings: ResonanceSettings) -> str:
+    """Return why a law does not count: powers miss the motions and take a phase that no filter makes; "" if it does."""
+    found = float(law.force_phase_deg.value or 0.0)
+    if law.misfit <= settings.warned_misfit or abs(found) <= settings.doubted_phase_deg:
+        return ""
+    return (
+        f"powers of one mode miss the motions by {law.misfit:.1f} standard deviations of their noise even with a phase "
+        "of the force that no filter makes: the mode has a joint with memory, another mode moves with it, or the "
+        "structure changed between the levels; use the single levels, and give `opid modal` sine beats or free decays, "
+        "whose laws may have a joint"
+    )
 
 
 def _fit_with_prior(
@@ -249,26 +225,27 @@ def _fit_with_prior(
     is_grouped: bool,
 ) -> ResonanceLaw:
     amplitude = np.array([each.amplitude for each in states])
-    equations = _Equations.of(states, prior, is_grouped=is_grouped)
+    equations = Equations.of(states, prior, is_grouped=is_grouped)
     waves = [each.displacement if measured_waves else each.displacement[:1] for each in states]
     made = [at for at, wave in enumerate(waves) if wave.size == 1]
     # Harmonics by the law need the law: three rounds, for the third harmonic is small.
     for _ in range(3 if made else 1):
-        columns = _find_columns(states, waves)
+        columns = find_columns(states, waves)
         fits = _rank([_solve(equations, columns, powers) for powers in _list_powers(*orders)], equations.n_rows)
         for at in made:
             waves[at] = _add_harmonics(waves[at], states[at].pole.imag, fits[0])
     return _make_law(fits, equations, amplitude, settings)
 
 
-_ROUNDS = 5  # of the errors, and of the phase, which is found up to 60 degrees and more
-
 # ---- the equations --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class _Equations:
-    """Left sides (n,) over the scale of k0, their errors without those of the amplitude, and what the force is like."""
+class Equations:
+    """Left sides (n,) over the scale of k0, their errors without those of the amplitude, and what the force is like.
+
+    `inertia` is what multiplies the mass of the mode, p^2 of each motion over the scale.
+    """
 
     left: ComplexArray
     force: ComplexArray
@@ -276,14 +253,15 @@ class _Equations:
     amplitude_error: FloatArray
     prior: tuple[float, float, float]  # standard deviations of gain and phase, and the phase itself, rad
     scale: float
-    omega: FloatArray
+    inertia: ComplexArray
     length: float
     groups: NDArray[np.int64]  # numbers of the curves to which the motions belong; all 0 for levels of one structure
 
     @classmethod
     def of(
         cls, states: Sequence[SteadyState], prior: tuple[float, float, float], *, is_grouped: bool = False
-    ) -> _Equations:
+    ) -> Equations:
+        """Return the equations of some motions; see `fit_states` for the arguments."""
         names = [e.source if is_grouped else "" for e in states]
         pole, force = np.array([e.pole for e in states]), np.array([e.receptance_inverse for e in states])
         scale = float(np.median(pole.imag)) ** 2
@@ -297,15 +275,79 @@ class _Equations:
             np.array([e.motion_error for e in states]),
             prior,
             scale,
-            pole.imag,
+            np.asarray(pole**2 / scale, dtype=np.complex128),
             max(e.amplitude for e in states),
             np.unique(names, return_inverse=True)[1].astype(np.int64),
         )
 
     @property
+    def n_groups(self) -> int:
+        """Number of the curves to which the motions belong."""
+        return int(self.groups.max()) + 1
+
+    @property
     def n_rows(self) -> int:
         """Number of real equations."""
         return 2 * self.left.size
+
+
+def find_columns(states: Sequence[SteadyState], waves: Sequence[ComplexArray]) -> tuple[ComplexArray, ComplexArray]:
+    """Return <q|q|^(n-1)>_1 / q_1 and <q'|q'|^(n-1)>_1 / q_1 of each motion, (n_states, 5) each."""
+    stiffness, damping = np.zeros((2, len(states), HIGHEST_ORDER), dtype=complex)
+    for row, (state, wave) in enumerate(zip(states, waves, strict=True)):
+        q, v = sample_period(wave, state.pole.imag)
+        for n in range(1, HIGHEST_ORDER + 1):
+            stiffness[row, n - 1], damping[row, n - 1] = (
+                # The mean of A^n over the window is larger than the n-th power of the mean of A by this factor.
+                np.exp(0.5 * n * (n - 1) * state.spread) * find_first(motion * np.abs(motion) ** (n - 1)) / wave[0]
+                for motion in (q, v)
+            )
+        # The power 1 of a motion that grows is the pole itself.
+        damping[row, 0] = state.pole
+    return stiffness, damping
+
+
+def sample_period(wave: ComplexArray, omega: float) -> tuple[FloatArray, FloatArray]:
+    """Return displacement and velocity over a period, (N_TIMES,) each."""
+    numbers = np.arange(1, wave.size + 1)
+    turn = np.exp(2j * np.pi / N_TIMES * np.outer(np.arange(N_TIMES), numbers))
+    return (turn @ wave).real, (turn @ (1j * omega * numbers * wave)).real
+
+
+def find_first(samples: FloatArray, number: int = 1) -> complex:
+    """Return a harmonic of the samples of a period, the fundamental where no number is given."""
+    return complex(2.0 * np.mean(samples * np.exp(-2j * np.pi * number / N_TIMES * np.arange(N_TIMES))))
+
+
+def find_group_covariance(rows: FloatArray, left: FloatArray, groups: NDArray[np.int64]) -> FloatArray:
+    """Return the covariance of a least-squares solution by errors that all equations of a group share.
+
+    Errors of a curve are common to its points: its structure has another state, or the law misses its level. That is
+    why the points of one curve say less than as many single motions. Their sums over each curve tell how much (the
+    sandwich by clusters; Cameron and Miller 2015, A practitioner's guide to cluster-robust inference), widened as
+    Student's distribution of so few groups asks for. It is zero for fewer than three groups.
+
+    Args:
+        rows: (n, n_values) equations over their standard deviations: real parts, imaginary parts, then what is believed
+            beforehand, which no group shares.
+        left: (n,) their left sides.
+        groups: (n_motions,) the number of the group of each motion, from 0.
+    """
+    n = int(groups.max()) + 1
+    if n < FEWEST_GROUPS:
+        return np.zeros((rows.shape[1], rows.shape[1]))
+    norms = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+    inverse = np.linalg.pinv(rows / norms, rcond=1e-12)
+    missed = left - rows @ (inverse @ left / norms)
+    of_row = np.concatenate([groups, groups, np.full(len(rows) - 2 * groups.size, -1)])
+    pulls = np.array([inverse[:, of_row == group] @ missed[of_row == group] / norms for group in range(n)])
+    widened = float(stats.t.ppf(0.975, n - 1)) / 1.96
+    return np.asarray(n / (n - 1) * widened**2 * pulls.T @ pulls, dtype=np.float64)
+
+
+# ---- the fit ------------------------------------------------------------------------------------------------
+
+_ROUNDS = 5  # of the errors, and of the phase, which is found up to 60 degrees and more
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,48 +382,21 @@ def _list_powers(stiffness_order: int | None, damping_order: int | None) -> list
     return [Powers(k, c) for k in both[0] for c in both[1]]
 
 
-def _find_columns(states: Sequence[SteadyState], waves: Sequence[ComplexArray]) -> tuple[ComplexArray, ComplexArray]:
-    """Return <q|q|^(n-1)>_1 / q_1 and <q'|q'|^(n-1)>_1 / q_1 of each motion, (n_states, 5) each."""
-    stiffness, damping = np.zeros((2, len(states), HIGHEST_ORDER), dtype=complex)
-    for row, (state, wave) in enumerate(zip(states, waves, strict=True)):
-        q, v = _sample(wave, state.pole.imag)
-        for n in range(1, HIGHEST_ORDER + 1):
-            stiffness[row, n - 1], damping[row, n - 1] = (
-                # The mean of A^n over the window is larger than the n-th power of the mean of A by this factor.
-                np.exp(0.5 * n * (n - 1) * state.spread) * _find_first(motion * np.abs(motion) ** (n - 1)) / wave[0]
-                for motion in (q, v)
-            )
-        # The power 1 of a motion that grows is the pole itself.
-        damping[row, 0] = state.pole
-    return stiffness, damping
-
-
-def _sample(wave: ComplexArray, omega: float) -> tuple[FloatArray, FloatArray]:
-    """Return displacement and velocity over a period, (N_TIMES,) each."""
-    numbers = np.arange(1, wave.size + 1)
-    turn = np.exp(2j * np.pi / N_TIMES * np.outer(np.arange(N_TIMES), numbers))
-    return (turn @ wave).real, (turn @ (1j * omega * numbers * wave)).real
-
-
-def _find_first(samples: FloatArray, number: int = 1) -> complex:
-    return complex(2.0 * np.mean(samples * np.exp(-2j * np.pi * number / N_TIMES * np.arange(N_TIMES))))
-
-
 def _add_harmonics(wave: ComplexArray, omega: float, fit: _Fit) -> ComplexArray:
     """Return the fundamental of a motion with the third harmonic that the law makes of it."""
     k, c = fit.estimates()
-    q, v = _sample(wave, omega)
+    q, v = sample_period(wave, omega)
     force = sum(
         value * motion * np.abs(motion) ** (n - 1)
         for motion, values in ((q, k), (v, c))
         for n, value in values.items()
         if n > 1
     )
-    third = -_find_first(np.asarray(force) + 0.0 * q, 3) / (k[1] - 9.0 * omega**2 + 3j * omega * c[1])
+    third = -find_first(np.asarray(force) + 0.0 * q, 3) / (k[1] - 9.0 * omega**2 + 3j * omega * c[1])
     return np.array([wave[0], 0.0, third])
 
 
-def _solve(equations: _Equations, columns: tuple[ComplexArray, ComplexArray], powers: Powers) -> _Fit:
+def _solve(equations: Equations, columns: tuple[ComplexArray, ComplexArray], powers: Powers) -> _Fit:
     """Return the coefficients of one choice of powers by least squares, each equation over its standard deviation."""
     length, speed = equations.length, equations.length * float(np.sqrt(equations.scale))
     scales = np.array(
@@ -433,7 +448,7 @@ def _rank(fits: Sequence[_Fit], n_rows: int) -> list[_Fit]:
 
 
 def _make_law(
-    fits: Sequence[_Fit], equations: _Equations, amplitude: FloatArray, settings: ResonanceSettings
+    fits: Sequence[_Fit], equations: Equations, amplitude: FloatArray, settings: ResonanceSettings
 ) -> ResonanceLaw:
     best = fits[0]
     freedom = max(equations.n_rows - best.value.size + 1, 1)
@@ -462,6 +477,11 @@ def _make_law(
             "structure without a source of energy has: see what drives the mode beside the force, and whether force "
             "and accelerations have their signs and no delay"
         )
+    if ratio > settings.warned_misfit and equations.n_groups < FEWEST_GROUPS:
+        # The law is of another kind, and nothing but a factor shows what that does to coefficients; whole curves do.
+        tables = [{power: each.without_interval() for power, each in table.items()} for table in tables]
+    if not reaches_zero(amplitude):
+        tables = [{n: each.without_interval() if n == 1 else each for n, each in table.items()} for table in tables]
     return ResonanceLaw(
         stiffness=withhold_negative(tables[0]),
         damping=withhold_negative(tables[1]),
@@ -477,41 +497,15 @@ def _make_law(
     )
 
 
-def _find_covariance(fit: _Fit, equations: _Equations, ratio: float) -> FloatArray:
+def _find_covariance(fit: _Fit, equations: Equations, ratio: float) -> FloatArray:
     """Return the covariance of the values of a fit: by noise and misfit or by whole curves, and by the gain."""
     by_curves = find_group_covariance(fit.rows, fit.left, equations.groups)
     by_gain = np.outer(fit.by_gain, fit.by_gain)
     return np.asarray(fit.covariance * max(ratio, 1.0) ** 2 + by_curves + by_gain, dtype=np.float64)
 
 
-def find_group_covariance(rows: FloatArray, left: FloatArray, groups: NDArray[np.int64]) -> FloatArray:
-    """Return the covariance of a least-squares solution by errors that all equations of a group share.
-
-    Errors of a curve are common to its points: its structure has another state, or the law misses its level. That is
-    why the points of one curve say less than as many single motions. Their sums over each curve tell how much (the
-    sandwich by clusters; Cameron and Miller 2015, A practitioner's guide to cluster-robust inference), widened as
-    Student's distribution of so few groups asks for. It is zero for fewer than three groups.
-
-    Args:
-        rows: (n, n_values) equations over their standard deviations: real parts, imaginary parts, then what is believed
-            beforehand, which no group shares.
-        left: (n,) their left sides.
-        groups: (n_motions,) the number of the group of each motion, from 0.
-    """
-    n = int(groups.max()) + 1
-    if n < FEWEST_GROUPS:
-        return np.zeros((rows.shape[1], rows.shape[1]))
-    norms = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
-    inverse = np.linalg.pinv(rows / norms, rcond=1e-12)
-    missed = left - rows @ (inverse @ left / norms)
-    of_row = np.concatenate([groups, groups, np.full(len(rows) - 2 * groups.size, -1)])
-    pulls = np.array([inverse[:, of_row == group] @ missed[of_row == group] / norms for group in range(n)])
-    widened = float(stats.t.ppf(0.975, n - 1)) / 1.96
-    return np.asarray(n / (n - 1) * widened**2 * pulls.T @ pulls, dtype=np.float64)
-
-
 def _list_candidates(
-    fits: Sequence[_Fit], equations: _Equations, weights: FloatArray, ratio: float, settings: ResonanceSettings
+    fits: Sequence[_Fit], equations: Equations, weights: FloatArray, ratio: float, settings: ResonanceSettings
 ) -> Iterator[LawCandidate]:
     """Yield the choices of powers whose weight counts."""
     for fit, weight in zip(fits, weights.tolist(), strict=True):

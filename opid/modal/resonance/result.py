@@ -14,9 +14,9 @@ from opid.json_values import plain
 from opid.modal.linear.modes import LinearModes
 from opid.modal.power_laws import coefficient_rows
 from opid.modal.resonance.appropriation import Appropriation, Interaction
-from opid.modal.resonance.curve_fit import CurveFit
+from opid.modal.resonance.curve_fit import CurveFit, StateCheck
 from opid.modal.resonance.held_out import HeldOut
-from opid.modal.resonance.law import ResonanceLaw, StateCheck
+from opid.modal.resonance.law import ResonanceLaw
 from opid.modal.resonance.steady import SteadyState
 from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
