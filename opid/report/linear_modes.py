@@ -56,9 +56,9 @@ def _say_basis(result: FittedModes) -> str:
     left = ", ".join(format_percent(each, 2) for each in result.unexplained)
     delay, std = format_estimate(result.delay_s, 1e6)
     return (
-        f"From {records} and {format_count(len(result.sensors), 'sensor')}; the modes leave {left} of the "
-        f"responses (rms) in the band. The delay of the accelerations after the force is {delay} µs (standard deviation {std} µs); it "
-        f"is fitted. {_say_assumption(result)}"
+        f"From {records} and {format_count(len(result.sensors), 'sensor')}; the modes leave {left} of the responses "
+        f"(rms) in the band. The delay of the accelerations after the force is {delay} µs (standard deviation {std} "
+        f"µs); it is fitted. {_say_assumption(result)}"
     )
 
 
