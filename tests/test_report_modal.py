@@ -274,3 +274,9 @@ def test_the_first_sentence_of_a_decay_tells_no_damping_that_noise_makes():
     unknown = build_document(replace(decay, damping_std=np.abs(decay.damping_ratio))).answer
     assert "the damping is not known" in unknown
     assert "%" not in unknown
+
+
+def test_a_decay_in_a_table_says_in_which_unit_its_amplitudes_are():
+    decay = small_decay()
+    assert f"amplitudes in {decay.amplitude_unit}" in repr(decay)
+    assert "amplitudes in rad" in repr(replace(decay, mode=None, amplitude_unit="rad"))
