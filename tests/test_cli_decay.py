@@ -217,7 +217,7 @@ def test_the_mode_of_a_study_is_the_one_that_moves_most(rings):
     ("options", "words"),
     [
         ((), "give --channel NAME (one sensor), or --study"),
-        (("--channel", "case_x", "--study", "study.toml"), "give --channel NAME (one sensor), or --study"),
+        (("--channel", "case_x", "--study", "study.toml"), "(the shapes of its modes), not both"),
         (("--study", "study.toml", "--near", 60), "leave --near out (--mode names a mode)"),
         (("--channel", "case_x", "--mode", 3), "--mode needs the shapes of a study"),
         (("--study", "study.toml", "--mode", 9), "there is no mode 9: give a number from 1 to 4"),
@@ -231,3 +231,12 @@ def test_options_that_do_not_go_together_are_refused(rings, options, words):
     done = opid("decay", rings / "ring_0.csv", *options)
     assert done.exit_code != 0
     assert words in " ".join(done.stderr.split())
+
+
+def test_noise_is_no_pair_of_modes_that_beat(tmp_path):
+    rng = np.random.default_rng(0)
+    path = written(tmp_path / "noise.csv", {"time [s]": np.arange(10000) / 500.0, "az [g]": rng.normal(size=10000)})
+    done = opid("decay", path, "--channel", "az", "--start", 1)
+    refused(done, status=1)
+    assert "noise" in done.stderr
+    assert "modes at" not in done.stderr

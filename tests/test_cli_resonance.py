@@ -23,6 +23,7 @@ def test_the_command_reads_what_the_simulation_writes(simulated, tmp_path):
     assert done.exit_code == 0, done.output
     for words in ("Backbone", "Law", "No interaction is seen", "misfit"):
         assert words in done.stdout
+    assert " ".join(done.stdout.split()).count("mode 3 at phase resonance") == 1
     result = json.loads((out / "result.json").read_text(encoding="utf-8"))
     assert result["schema"] == "opid.resonance/1"
     low, high = result["records_law"]["k"]["3"]["interval95"]

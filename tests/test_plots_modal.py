@@ -151,6 +151,19 @@ def test_levels_of_a_measured_log_are_steady_and_no_loop_is_spoken_of():
     assert "excitation" not in plots.harmonic_shape(modal_interaction(held)).get_xlabel()
 
 
+def test_the_label_of_one_law_that_was_tried_is_no_longer_than_its_axis(result):
+    (few, *_) = result.systems
+    ax = plots.law_trials(replace(few, trials=few.trials[:1]))
+    ax.figure.canvas.draw()
+    assert ax.yaxis.label.get_window_extent().height < ax.bbox.height
+
+
+def test_the_legend_leaves_the_line_of_the_mode_itself_free():
+    quiet = replace(modal_interaction(appropriation()), least_fraction=0.9)
+    ax = plots.modal_harmonics(quiet)
+    assert ax.get_ylim()[1] >= 1.3
+
+
 def test_only_harmonics_over_the_share_are_drawn():
     found = modal_interaction(appropriation())
     labels = [line.get_label() for line in plots.modal_harmonics(found).lines]

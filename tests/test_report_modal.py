@@ -10,7 +10,7 @@ from made_modal import SOFT, small_decay, small_fit, small_result, small_shift
 
 import opid
 from opid.errors import InputError
-from opid.estimate import with_std
+from opid.estimate import format_number, with_std
 from opid.json_values import json_text
 from opid.mechanics.truth import ModalTruth, ModeTruth
 from opid.modal.decay.free_decay import law_of_decays
@@ -261,3 +261,22 @@ def test_the_sketch_of_a_decay_shows_both_ends():
     for k in (0, -1):
         assert f"f = {with_std(decay.frequency_hz[k], decay.frequency_std_hz[k])} Hz" in sketch.svg
     assert "k(x)" in sketch_decay(replace(decay, mode=None, amplitude_unit="m")).svg
+
+
+def test_the_first_sentence_of_a_decay_tells_no_damping_that_noise_makes():
+    decay = small_decay()
+    std = np.where(np.arange(decay.damping_std.size) < 3, decay.damping_std, np.abs(decay.damping_ratio))
+    first = build_document(replace(decay, damping_std=std)).answer
+    assert f"to {format_number(decay.amplitude[2], 3)} {decay.amplitude_unit}" in first
+    assert f"{format_number(100 * decay.damping_ratio[2], 2)} %; noise hides the damping at other" in first
+    sure = replace(decay, damping_std=0.01 * np.abs(decay.damping_ratio))
+    assert "noise" not in build_document(sure).answer
+    unknown = build_document(replace(decay, damping_std=np.abs(decay.damping_ratio))).answer
+    assert "the damping is not known" in unknown
+    assert "%" not in unknown
+
+
+def test_a_decay_in_a_table_says_in_which_unit_its_amplitudes_are():
+    decay = small_decay()
+    assert f"amplitudes in {decay.amplitude_unit}" in repr(decay)
+    assert "amplitudes in rad" in repr(replace(decay, mode=None, amplitude_unit="rad"))

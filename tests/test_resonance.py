@@ -99,6 +99,23 @@ def test_every_level_is_read_once_and_a_loop_that_holds_the_drive_point_is_not_w
     assert result.warnings == ()
 
 
+def test_a_last_level_that_does_not_settle_before_the_log_ends_is_told():
+    study, whole = held_study(), identify_resonance(held_study())
+    before, last = whole.level_stop_s[-2], whole.level_start_s[-1]
+
+    def cut(seconds):
+        """Return the levels of the log that ends then, and those that are left out."""
+        found = identify_resonance(with_samples(study, lambda samples, record: samples[: round(seconds * record.fs)]))
+        return len(found.states), found.left_out
+
+    n, (told,) = cut(last + 20 / 116)
+    assert n == len(whole.states) - 1
+    assert "s to the end" in told
+    assert "hold it longer" in told
+    # Where the log ends soon after the step of the voltage there is no such level.
+    assert cut(before + 20 / 116) == (n, ())
+
+
 # ---- the law -------------------------------------------------------------------------------------------
 
 
@@ -202,7 +219,7 @@ def test_a_hidden_phase_of_the_force_is_found_in_the_transients():
 
 
 def test_a_force_of_wrong_polarity_is_refused():
-    with pytest.raises(InputError, match="sign = -1"):
+    with pytest.raises(InputError, match=r"sign = -1 .* or another drive_point"):
         identify_resonance(with_polarity_reversed(held_study()))
 
 

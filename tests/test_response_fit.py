@@ -248,7 +248,7 @@ def test_modes_that_another_drive_point_moves_are_named():
 
 def test_a_force_of_wrong_polarity_is_refused():
     turned = respond()
-    with pytest.raises(InputError, match="the force or that sensor counts in the other direction"):
+    with pytest.raises(InputError, match="counts in the other direction, so turn the sign of one of them in"):
         fit_modes([replace(turned, value=-turned.value)], band_hz=BAND_HZ)
 
 
@@ -337,6 +337,7 @@ def test_the_command_writes_modes_that_a_study_reads(tmp_path, monkeypatch):
     done = opid("modes", *logs, *words)
     assert done.exit_code == 0, done.output
     assert "3 modes lie between 25 and 115 Hz." in done.stdout
+    assert "From 3 records and " in done.stdout
     modes = read_modes(tmp_path / "found" / "modes.csv")
     np.testing.assert_allclose(modes.frequency_hz, MODES.frequency_hz[1:], rtol=1e-4)
     written = json.loads((tmp_path / "found" / "result.json").read_text())
@@ -374,6 +375,8 @@ def test_units_that_a_log_does_not_state_are_given_by_channel(tmp_path, monkeypa
     words = ("--drive-point", "tip", "--force-channel", "hammer", "--band", "25", "115", "--out")
     refused(opid("modes", "plain.csv", *words, "none"), "states no unit: give it, like --unit hammer=N")
     refused(opid("modes", "plain.csv", "--unit", "hamer=lbf", *words, "none"), "did you mean 'hammer'")
+    turned = opid("modes", "plain.csv", "--unit", "hammer=g", *words, "none")
+    refused(turned, "name the channel of the force cell", "with --unit of `opid modes`")
     masses = []
     for log, unit in (("si.csv", ()), ("plain.csv", ("--unit", "hammer=lbf"))):
         done = opid("modes", log, *unit, *words, f"{log}_found")

@@ -104,7 +104,9 @@ def test_modal_mass_is_one_and_shows_wrong_shapes_and_units(noisy):
     tests = [
         replace(test, modes=unit_norm, acceleration=test.acceleration * 0.5) for test in noisy[0]
     ]  # q halves as the shape doubles
-    with pytest.raises(InputError, match=r"modal mass of 4 where .* multiply the shape of mode 1 by 0.5"):
+    with pytest.raises(
+        InputError, match=r"modal mass of 4 where .* of the sensors, or multiply the shape of mode 1 by 0.5"
+    ):
         fit_mode(tests, 1, **CUBIC)
     tests = [replace(test, forces=(replace(test.forces[0], samples=test.force * 0.2248),)) for test in noisy[0]]
     with pytest.raises(InputError, match=r"modal mass of 0\.225 .*lbf taken for N"):

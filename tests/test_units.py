@@ -109,6 +109,7 @@ def test_what_may_be_a_slope_is_no_strain(unit):
     [
         ("m/s^3", "did you mean 'm/s\\^2'"),
         ("furlong", "known are 'm/s\\^2', 'g'"),
+        ("furlong", "'deg', 'rad', 'strain', 'ustrain'$"),
         ("", "known are"),
         ("k", "not known"),
     ],

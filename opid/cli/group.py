@@ -165,7 +165,8 @@ def main() -> None:
               gives strut forces, travel and motion along any log
     law       a damper or spring, from force and motion on a test bench
     modal     modes whose stiffness and damping depend on their amplitude, from
-              sine beats; `decay` from one free decay
+              sine beats; `decay` from free decays, `resonance` from tests
+              at phase resonance; `modes` finds the linear modes before
     update    the law of joints, from backbones beside a finite-element model
 
     `opid simulate` makes a test with known truth for each but `law`.

@@ -391,7 +391,10 @@ def _name_source(settings: Mapping[str, Any], mode: int | None) -> str:
 def _check_source(settings: Mapping[str, Any]) -> None:
     """Refuse options that do not go together: a channel of the logs, or a mode of a study."""
     if (settings["channel"] is None) == (settings["study"] is None):
-        raise click.UsageError("give --channel NAME (one sensor), or --study STUDY.toml (the shapes of its modes)")
+        both = "" if settings["channel"] is None else ", not both"
+        raise click.UsageError(
+            f"give --channel NAME (one sensor), or --study STUDY.toml (the shapes of its modes){both}"
+        )
     others = ("unit", "time_unit", "near") if settings["study"] is not None else ("mode",)
     given = [f"--{name.replace('_', '-')}" for name in others if settings[name] is not None]
     if given and settings["study"] is not None:

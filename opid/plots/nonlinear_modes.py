@@ -162,8 +162,8 @@ def law_trials(fit: SystemFit, ax: Any = None) -> Axes:
         modes = " and ".join(str(mode) for mode in fit.modes)
         ax.set(
             xlabel="misfit where left out [% of the motion]",
-            ylabel="terms beside the linear ones",
-            title=f"Mode{'s' * (len(fit.modes) > 1)} {modes}: laws tried",
+            ylabel="terms",
+            title=f"Mode{'s' * (len(fit.modes) > 1)} {modes}: laws tried, by their terms beside the linear ones",
         )
     return ax
 
@@ -378,8 +378,9 @@ def modal_harmonics(interaction: Interaction, ax: Any = None) -> Axes:
         for color, (mode, harmonic) in zip(RUN_COLORS, shown, strict=False):
             label = f"mode {mode + 1}, harmonic {harmonic + 1}"
             ax.plot(index, fractions[:, mode, harmonic], color=color, label=label)
-        ax.axhline(interaction.least_fraction, color=GREY, linestyle="--", linewidth=1.0, label="fraction asked for")
-        ax.set_ylim(bottom=0)
+        ax.axhline(interaction.least_fraction, color=GREY, linestyle="--", linewidth=1.0, label="needed")
+        # The legend must not hide the line of the mode itself, which ends at 1 where nothing interacts.
+        ax.set_ylim(0, max(1.3, ax.get_ylim()[1]))
         _label_levels(ax)
         ax.set(ylabel="fraction of the fundamental", title="Interaction" if interaction.flagged else "No interaction")
         thicken(ax.legend(loc="best", fontsize=7.5))
@@ -398,7 +399,7 @@ def harmonic_shape(interaction: Interaction, ax: Any = None) -> Axes:
         ax = panels(ax, 1, height_in=3.3, width_in=5.2)[0, 0]
         ax.plot(index, interaction.mac, color=VERMILION, label=f"mode {interaction.mode}")
         ax.plot(index, interaction.mac_of_others, color=GREY, label="any other mode, at most")
-        ax.axhline(interaction.least_assurance, color=INK, linestyle="--", linewidth=1.0, label="asked for")
+        ax.axhline(interaction.least_assurance, color=INK, linestyle="--", linewidth=1.0, label="needed")
         ax.set_ylim(0, 1.05)
         _label_levels(ax)
         ax.set(ylabel="MAC", title=f"Shape of harmonic {interaction.harmonic}")

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from opid.estimate import Estimate, format_number, format_percent, rounded
 from opid.modal.decay.free_decay import Decay
 from opid.modal.decay.law import DecayLaw
@@ -22,6 +24,10 @@ PER = {"": "", "m": ", per unit mass", "rad": ", per unit of inertia", "strain":
 AMPLITUDES = {"": "displacement", "m": "displacement", "rad": "angle", "strain": "strain"}
 """What the amplitudes are of, likewise."""
 
+KNOWN = 0.5
+"""The first sentence tells the damping at amplitudes at which half of its 95 % interval is below this fraction of it:
+the last windows before the noise often show a damping of any size and sign."""
+
 
 BEGINNINGS: Mapping[Beginning, str] = {
     "given": "",
@@ -33,7 +39,6 @@ BEGINNINGS: Mapping[Beginning, str] = {
 
 def build_document(decay: Decay) -> Document:
     """Return the report of a free decay: frequency and damping over amplitude, and the law."""
-    amplitude, hz, damping = decay.amplitude, decay.frequency_hz, 100 * decay.damping_ratio
     blocks: list[Block] = [Paragraph(_say_basis(decay)), _tabulate_ends(decay)]
     if decay.repeats and decay.fitted is not None:
         blocks.append(_tabulate_repeats(decay, decay.fitted))
@@ -48,9 +53,7 @@ def build_document(decay: Decay) -> Document:
     return Document(
         f"Free decay: {decay.name!r} in {_name_source(decay)}",
         "frequency and damping over amplitude",
-        f"While the amplitude falls from {format_number(amplitude[0], 3)} to {format_number(amplitude[-1], 3)} "
-        f"{decay.amplitude_unit}, frequency and damping go from {rounded(hz[0])} Hz and "
-        f"{format_number(damping[0], 2)} % to {rounded(hz[-1])} Hz and {format_number(damping[-1], 2)} %.",
+        _say_change(decay),
         None,
         (*blocks, build_warnings(decay.warnings)),
         lambda: [_build_figure(decay)],
@@ -79,6 +82,24 @@ def _build_figure(decay: Decay) -> Figure:
         "bands, and what the law makes of them. Where the band is wide the record says little; wiggles beyond it are a "
         "second mode.",
         draw,
+    )
+
+
+def _say_change(decay: Decay) -> str:
+    """Return how frequency and damping change over the amplitudes at which the damping is known."""
+    amplitude, hz, damping = decay.amplitude, decay.frequency_hz, 100 * decay.damping_ratio
+    known = np.flatnonzero(1.96 * decay.damping_std < KNOWN * np.abs(decay.damping_ratio))
+    first, last = (known[0], known[-1]) if known.size else (0, -1)
+    falls = (
+        f"While the amplitude falls from {format_number(amplitude[first], 3)} to {format_number(amplitude[last], 3)} "
+        f"{decay.amplitude_unit}"
+    )
+    if not known.size:
+        return f"{falls}, the frequency goes from {rounded(hz[0])} to {rounded(hz[-1])} Hz; the damping is not known."
+    hides = "; noise hides the damping at other amplitudes" if last - first < amplitude.size - 1 else ""
+    return (
+        f"{falls}, frequency and damping go from {rounded(hz[first])} Hz and {format_number(damping[first], 2)} % to "
+        f"{rounded(hz[last])} Hz and {format_number(damping[last], 2)} %{hides}."
     )
 
 

@@ -10,7 +10,7 @@ from opid.estimate import format_number, format_percent, rounded
 from opid.modal.linear.fitted_modes import FittedModes
 from opid.modal.linear.frequency_response import cmif, weigh_response
 from opid.modal.linear.modes import ACCELERATION
-from opid.report.document import Column, Document, Figure, Paragraph, Row, Table, build_warnings
+from opid.report.document import Column, Document, Figure, Paragraph, Row, Table, build_warnings, format_count
 from opid.report.estimates import format_estimate
 
 MODES_IN_A_TABLE = 5
@@ -25,7 +25,7 @@ def build_document(result: FittedModes) -> Document:
     return Document(
         f"Linear modes from responses to forces at {drives}",
         "natural frequencies, damping ratios, modal masses and shapes",
-        f"{n} mode{'s' * (n != 1)} lie between {low_hz} and {high_hz} Hz.",
+        f"{format_count(n, 'mode')} {'lies' if n == 1 else 'lie'} between {low_hz} and {high_hz} Hz.",
         None,
         (
             Paragraph(_say_basis(result)),
@@ -51,13 +51,14 @@ def build_document(result: FittedModes) -> Document:
 
 
 def _say_basis(result: FittedModes) -> str:
-    n_averages = ", ".join(f"{each.n_averages:g}" for each in result.responses)
+    averages = [each.n_averages for each in result.responses]
+    records = f"{', '.join(f'{each:g}' for each in averages)} record{'s' * (sum(averages) != 1)}"
     left = ", ".join(format_percent(each, 2) for each in result.unexplained)
     delay, std = format_estimate(result.delay_s, 1e6)
     return (
-        f"From {n_averages} record(s) and {len(result.sensors)} sensors; the modes leave {left} of the responses (rms) "
-        f"in the band. The delay of the accelerations after the force is {delay} µs (standard deviation {std} µs); it "
-        f"is fitted. {_say_assumption(result)}"
+        f"From {records} and {format_count(len(result.sensors), 'sensor')}; the modes leave {left} of the responses "
+        f"(rms) in the band. The delay of the accelerations after the force is {delay} µs (standard deviation {std} "
+        f"µs); it is fitted. {_say_assumption(result)}"
     )
 
 

@@ -374,7 +374,7 @@ def _list_figures(result: Resonance) -> Iterator[Figure]:
             "response_curves",
             "Response curves",
             "Amplitude and phase of the sensor at each step of the frequency; the line is what the law makes of the "
-            "same forces.",
+            "same forces, and has a gap where the law has no steady motion there.",
             lambda: plots.response_curves(result.curve_fits),
         )
     if (held_out := result.held_out) is not None:

@@ -76,7 +76,7 @@ _SPELLINGS: dict[str, tuple[float, str]] = {
 # These are suggested where a unit is not known.
 _USUAL = (
     *("m/s^2", "g", "mg", "mm/s^2", "in/s^2", "m/s", "mm/s", "m", "mm", "in", "N", "kN", "lbf", "s", "ms", "V", "%"),
-    "ustrain",
+    *("deg", "rad", "strain", "ustrain"),
 )
 
 

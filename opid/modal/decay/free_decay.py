@@ -160,7 +160,7 @@ class Decay(Result):
         }
 
     def _write_headline(self) -> str:
-        return f"{self.name!r} from {self.start_s:.4g} to {self.stop_s:.4g} s, amplitudes of displacement"
+        return f"{self.name!r} from {self.start_s:.4g} to {self.stop_s:.4g} s, amplitudes in {self.amplitude_unit}"
 
 
 def decay_of(

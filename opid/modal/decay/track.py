@@ -126,9 +126,9 @@ def _follow_best(part: FloatArray, stretch: Stretch, fs: float) -> _Followed:
         return _follow(part, stretch, steady, strong, fs)
     except NotDeterminedError:
         raise NotDeterminedError(
-            f"modes at {stretch.frequency_hz:.4g} and {strong[0]:.4g} Hz beat and decay before they can be "
-            "separated in one signal: separate them with several sensors (a modal filter); if it is one mode whose "
-            "frequency moves fast, begin later with start_s"
+            f"what lies at {stretch.frequency_hz:.4g} and {strong[0]:.4g} Hz cannot be separated in one signal: if "
+            "these are modes that beat, separate them with several sensors (a modal filter); if it is one mode whose "
+            "frequency moves fast, begin later with start_s; if it is noise, give another stretch"
         ) from None
 
 
@@ -246,8 +246,9 @@ def _fit_windows(
         first += max(length // 2, shortest_hop)
     if len(windows) < 3:
         raise NotDeterminedError(
-            "no decaying oscillation of one mode stands out of the noise: give near_hz, start_s and stop_s if there is "
-            "one; where two modes beat, separate them with several sensors"
+            "no decaying oscillation of one mode stands out of the noise: give a frequency at which a mode rings "
+            "(near_hz), or the times of its decay (start_s, stop_s); where two modes beat, separate them with several "
+            "sensors"
         )
     return windows
 

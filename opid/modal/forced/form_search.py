@@ -99,7 +99,8 @@ def _try_form(
     except InputError as error:
         logger.info("%s: %s", _name_terms(form), error)
         return
-    logger.info("%s: left out %.3g, missed %s", _name_terms(form), find_rms(found.errors), found.missed)
+    missed = ", ".join(f"{each:.2g}" for each in found.missed)
+    logger.info("%s: left out %.3g, missed %s of each mode", _name_terms(form), find_rms(found.errors), missed)
     if _is_determined(found):
         trials.append(Trial(_name_terms(form), found))
 

@@ -420,5 +420,6 @@ def _require_mass(mass: Estimate, mode: int, test: ModalTest) -> None:
     guess = (f" ({unit} would give this)" if unit else "") + (f" ({looks})" if looks else "")
     raise InputError(
         f"the tests show a modal mass of {value:.3g} where mass-normalised shapes and a force in N give 1{guess}: "
-        f"check the unit and scale of the force, or multiply the shape of mode {mode} by {abs(value) ** -0.5:.4g}"
+        "check units and scales of the force and of the sensors, or multiply the shape of mode "
+        f"{mode} by {abs(value) ** -0.5:.4g}"
     )

@@ -494,6 +494,6 @@ def _warn_of_scales(freed: FittedForm) -> Iterator[str]:
         if abs(scale - 1) > MODAL.warned_mass:
             yield (
                 f"the motion of mode {mode} is {scale:.3g} times what its pull on the other mode asks for (standard "
-                f"deviation {std:.1g}): its shape may be {1 / scale:.3g} times too large, and the couplings are wrong "
-                "by powers of this; check the scale of the shape"
+                f"deviation {std:.1g}): its shape may be {1 / scale:.3g} times the true one, and the couplings are "
+                "wrong by powers of this, unless the law lacks a term; check the scale of the shape"
             )

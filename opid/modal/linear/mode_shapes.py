@@ -100,7 +100,7 @@ def _find_contradicted(found: FittedResidues, signs: NDArray[np.int64]) -> list[
             could = f", or name the sensor where it acted: the signs allow {list_names(map(repr, candidates))}"
             raise InputError(
                 "the acceleration at the drive point falls as the force grows, as if modal masses were negative: the "
-                "force or that sensor counts in the other direction, so give one of them sign = -1"
+                "force or that sensor counts in the other direction, so turn the sign of one of them in the logs"
                 + (could if candidates else "")
             )
         if (own < 0).any():

@@ -529,7 +529,8 @@ def check_force(recording: Recording, force: str, name: str) -> None:
     if recording.unit(force) != "N":
         raise InputError(
             f"the force channel {force!r} of test {name!r} is in {recording.unit(force) or 'no unit'} where N, "
-            "kN or lbf is needed: give its unit and scale in [channels]"
+            "kN or lbf is needed: name the channel of the force cell, or give its unit, in [channels] of a study or "
+            "with --unit of `opid modes`"
         )
     if not recording.channel(force).any():
         raise InputError(f"the force {force!r} of test {name!r} is zero throughout: name the channel of the force cell")

@@ -373,7 +373,7 @@ def _identify_levels(
         f"the level of {test.name!r} from {each.start_s:.3g} to {each.stop_s:.3g} s is left out: {each.fault}"
         for test, each in steady
         if each.fault
-    )
+    ) + tuple(filter(None, (_name_unsettled(test, number, found, chosen) for test in tests)))
     _require_levels(tests, number, [each for _, each in kept], left_out)
     appropriation = _gather_levels(tests, number, kept)
     states = tuple(each.state for _, each in kept)
@@ -419,6 +419,29 @@ def _identify_levels(
         reason=reason,
         interaction=interaction,
         warnings=tuple(_list_warnings(kept, left_out, outside, records_law, interaction, chosen)),
+    )
+
+
+def _name_unsettled(
+    test: ModalTest, mode: int, found: Sequence[tuple[ModalTest, MeasuredLevel]], settings: ResonanceSettings
+) -> str:
+    """Return that the force goes on after the last steady level of a log, as in a level that never settles, or ""."""
+    stops = [each.stop_s for own, each in found if own is test and each.is_steady]
+    assert test.force is not None
+    if not stops:
+        return ""
+    period_s = 1.0 / float(test.modes.frequency_hz[test.modes.index(mode)])
+    # The last steady stretch may end within a frame of the next step of the voltage.
+    begin_s, end_s = stops[-1] + settings.frame_periods * period_s, test.force.size / test.fs
+    if end_s - begin_s < settings.window_periods * period_s:
+        return ""
+    n = round(settings.window_periods * period_s * test.fs)
+    at_stop = round(stops[-1] * test.fs)
+    if np.std(test.force[-n:]) < settings.still_driven * np.std(test.force[max(at_stop - n, 0) : at_stop]):
+        return ""
+    return (
+        f"the level of {test.name!r} from {begin_s:.3g} s to the end at {end_s:.3g} s is left out: its amplitude or "
+        "frequency drifts throughout; hold it longer"
     )
 
 
@@ -481,8 +504,8 @@ def _require_levels(
     if np.median(damping) < 0.0:
         raise InputError(
             f"at {int(np.sum(damping < 0.0))} of {damping.size} levels the force takes power out of mode {mode}: "
-            "force and accelerations have opposite signs; give sign = -1 for the force, or for all accelerations, in "
-            "[channels]"
+            "force and accelerations have opposite signs, or the force acts elsewhere than the study says; give "
+            "sign = -1 for the force, or for all accelerations, in [channels], or another drive_point"
         )
 
 

@@ -23,6 +23,8 @@ class ResonanceSettings:
         block_periods: periods of a block in a transient, which is short beside the time constant of a bolted mode.
         same_level_deg: phase over the force by which stretches of one amplitude of the drive may differ in one level: a
             loop that still settles moves it by a degree, and a step of the frequency that a curve needs by several.
+        still_driven: rms of the force at the end of a log over that of its last steady level, above which the force
+            still drives the mode there; the force of a mode that decays freely is far smaller.
         quadrature_deg: phase error up to which a level counts as held at quadrature, as in the phase lock.
         farthest_deg: phase error from which a level is left out: there stiffness no longer follows from a small part of
             the force, but from most of it.
@@ -71,6 +73,7 @@ class ResonanceSettings:
     most_wander: float = 0.02
     block_periods: float = 12.0
     same_level_deg: float = 2.0
+    still_driven: float = 0.5
     quadrature_deg: float = 1.0
     farthest_deg: float = 45.0
     least_signal: float = 10.0

@@ -85,9 +85,8 @@ def resonance_study(
     test = modal_test(recording, modes, name=f"levels_mode_{number}", force=FORCE, drive_point=case.drive_point)
     say("the response curves")
     curves = drive_curves(case.rig, held, n_curves=n_curves, rng=rng, noise_fraction=noise_fraction)
-    title = f"{series.title}, mode {number} at phase resonance"
     tests = (StudyTest(test, "resonance", number),)
-    return ModalStudy(title, modes, (number,), tests, case.drive_point, curves=curves)
+    return ModalStudy(series.title, modes, (number,), tests, case.drive_point, curves=curves)
 
 
 def _find_top(series: VirtualSeries, index: int) -> float:
