@@ -5,18 +5,18 @@ and none is dropped. The synthetic sets are those of `synthetic_backbones` on th
 its first bending mode and 5 of its second, class 2 with theta = 1.58: "large" errors have offsets of 0.35 % a curve and
 0.1 % a point, "small" ones those of a virtual measurement (0.05 and 0.15 % a curve, 0.01 % a point). The linear error
 of 0.4 % is one of each modal frequency ("mode") or of both moduli, 0.8 % each ("moduli"). In rows "pylons" one pylon is
-cubic and the other quadratic. Rows "coverage study" run both phases from nominal moduli; the other ones of coverage
-take the structure with its linear error as it is. Row "damping" has curves of damped pylons under a force, whose modes
-have damping ratios that are known within 3 %; rows "forced" predict the response to 1.3 times the largest force of
-these curves, with the class that has both dampers, and with one that lacks the quadratic damper. Rows "every sensor"
-predict motions, and mode 10, of which no curve is made; "wrong law" fits class 1, and in "wrong structure" the linear
-error is 2 % where 0.4 % are stated. Rows "joint" update both moduli together with two coefficients of each pylon by the
-no-U-turn sampler, in one core; "joint evidence" compares the evidence with nested sampling (`pip install dynesty`).
-Rows "interaction" have curves of a damped structure under one force, whose points are kept, paired with the loop or
-not, or left out where the third harmonic is within 1 % of a mode that it meets. In "wing" the leaf springs are 5 %
-apart, so that three times the frequency of the first bending mode meets modes 10 and 11, and that of the second comes
-near mode 13; "coupled" is the small structure of the tests, which an interaction moves much more. In "elsewhere" the
-modes that are met lie 5 % higher in the model.
+cubic and the other quadratic; in rows "slip" both have an Iwan joint beside the cubic spring. Rows "coverage study" run
+both phases from nominal moduli; the other ones of coverage take the structure with its linear error as it is. Row
+"damping" has curves of damped pylons under a force, whose modes have damping ratios that are known within 3 %; rows
+"forced" predict the response to 1.3 times the largest force of these curves, with the class that has both dampers, and
+with one that lacks the quadratic damper. Rows "every sensor" predict motions, and mode 10, of which no curve is made;
+"wrong law" fits class 1, and in "wrong structure" the linear error is 2 % where 0.4 % are stated. Rows "joint" update
+both moduli together with two coefficients of each pylon by the no-U-turn sampler, in one core; "joint evidence"
+compares the evidence with nested sampling (`pip install dynesty`). Rows "interaction" have curves of a damped structure
+under one force, whose points are kept, paired with the loop or not, or left out where the third harmonic is within 1 %
+of a mode that it meets. In "wing" the leaf springs are 5 % apart, so that three times the frequency of the first
+bending mode meets modes 10 and 11, and that of the second comes near mode 13; "coupled" is the small structure of the
+tests, which an interaction moves much more. In "elsewhere" the modes that are met lie 5 % higher in the model.
 """
 
 import argparse
@@ -76,6 +76,8 @@ COUPLED, COUPLED_RATIO = (
     0.003,
 )
 DAMPERS, RATIO, DRIVE = (0.1, 0.5), 0.001, "5"  # N s/m, N s^2/m^2; of the modes; where the force acts
+SLIDERS = (0.3, 1e-3, 0.5, 0.5)  # force, N, and travel, m, at which all sliders of a joint slip, spread, jump
+SLIP_SAMPLES = 2200  # a class of five parameters mixes slowly
 BEYOND = 1.3  # force of a predicted response over the largest of the tests
 ERRORS = {
     "large": {"offset_fraction": 0.0035, "point_noise": 0.001},
@@ -200,6 +202,34 @@ def pylons(seed: int, errors: str) -> Figures:
         figures[f"95 % interval of the {name} one holds"] = float(estimate.holds(true))
         figures[f"error of the {name} one, %"] = 100 * (estimate.value / true - 1)
         figures[f"standard deviation of the {name} one, %"] = 100 * estimate.std / true
+    return figures
+
+
+def slip(seed: int, errors: str) -> Figures:
+    """Both pylons have a cubic spring and an Iwan joint; four classes, curves of two modes without a force."""
+    wide, (cubic,) = Prior("lognormal", 1.0, 1.0), TRUTH.terms
+    iwan = UncertainTerm("iwan_friction", (*SLIDERS[:2], 1.0, 1.0), (Prior(), wide, Prior("uniform", 0.2, 0.9), wide))
+    dahl = UncertainTerm("dahl_friction", SLIDERS[:2], (Prior(), wide))
+    sets = {"iwan": (iwan,), "cubic": (), "dahl": (dahl,)}
+    apart = [ModelClass(name, (cubic, *terms)) for name, terms in sets.items()]
+    true = ModelClass("true", (cubic, replace(iwan, scales=SLIDERS, priors=(Prior(), None, None, None))))
+    rng = np.random.default_rng(seed)
+    measured = synthetic_backbones(system(), true, (THETA, 1.0), rng=rng, linear_error=0.004, **ERRORS[errors])
+    data = backbone_data(system(), measured, slips=True)
+    found = [
+        update_class(data, each, rng=np.random.default_rng(seed), n_samples=SLIP_SAMPLES)
+        for each in (*apart, ModelClass("iwan alone", (iwan,)))
+    ]
+    own, *others = found
+    figures = {
+        "true class first": float(own.log_evidence > max(each.log_evidence for each in others)),
+        "effective samples": own.diagnostics.effective_samples,
+    }
+    values = {"cubic spring": THETA, "slip force": 1.0, "travel": 1.0, "spread": SLIDERS[2], "jump": SLIDERS[3]}
+    for (name, value), estimate in zip(values.items(), own.estimates.values(), strict=True):
+        figures[f"95 % interval of the {name} holds"] = float(estimate.holds(value))
+        figures[f"error of the {name}, %"] = 100 * (estimate.value / value - 1)
+        figures[f"standard deviation of the {name}, %"] = 100 * estimate.std / value
     return figures
 
 
@@ -532,6 +562,7 @@ ROWS: dict[str, Row] = {
     **{f"coverage study {form} {errors} {linear}": (coverage_study, (form, errors, linear), 200)
        for form in ("recommended", "paper") for errors in ERRORS for linear in ("mode", "moduli")},
     **{f"pylons {errors}": (pylons, (errors,), 60) for errors in ERRORS},
+    **{f"slip {errors}": (slip, (errors,), 20) for errors in ERRORS},
     **{f"joint {errors} {linear}": (joint, (errors, linear), 60) for errors in ERRORS for linear in ("mode", "moduli")},
     "joint evidence": (joint_evidence, ("small", "mode"), 3),
     **{f"bands {form} {errors}": (bands, (form, errors), 30) for form in FORMS[:2] for errors in ERRORS},

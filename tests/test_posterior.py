@@ -180,5 +180,5 @@ def test_bad_input(data):
 
 
 def test_wider_priors_keep_their_centre():
-    assert Prior("normal", 1.0, 0.5).wider == Prior("normal", 1.0, 1.0)
-    assert Prior("uniform", -1.0, 1.0).wider == Prior("uniform", -2.0, 2.0)
+    assert Prior("normal", 1.0, 0.5).widen() == Prior("normal", 1.0, 1.0)
+    assert Prior("uniform", -1.0, 1.0).widen() == Prior("uniform", -2.0, 2.0)

@@ -356,6 +356,25 @@ def _index_amplitudes(law: TermSet) -> list[int]:
     return np.cumsum([0, *(len(term.values) for term in law.terms)])[:-1].tolist()
 
 
+def force_at_turns(law: Law, extension: FloatArray) -> FloatArray:
+    """Return the force where steady cycles turn, N, (n,), less that of the stiffness of memories while nothing slides.
+
+    Without memory it is the force at rest there.
+
+    Args:
+        law: springs, dampers, and kinds with memory that have a cycle.
+        extension: (n,) ends of the cycles, m.
+    """
+    at_rest, found = np.zeros_like(extension), np.zeros_like(extension)
+    for term in law.terms:
+        cycle = term.kind.cycle
+        inner = (*term.inner, 1.0, 1.0, 1.0)[:3]
+        # A cycle has its mean force where it turns, for both directions have the same there.
+        unit = term.evaluate(extension, at_rest) if cycle is None else cycle(extension, np.abs(extension), *inner)
+        found += term.amplitude * unit[0]
+    return found
+
+
 # Friction that bends depends on the travel since its last reversal alone, dh/dz = g(h) / s, so that its steady loop
 # between -h1 and h1 follows from integrals over h, without time steps.
 #

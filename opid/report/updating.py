@@ -12,6 +12,7 @@ import numpy as np
 from opid import plots
 from opid.estimate import format_number, format_percent, with_std
 from opid.mechanics.laws.law import LAWS, FloatArray
+from opid.mechanics.memory import force_at_turns
 from opid.mechanics.truth import UpdatingTruth
 from opid.report.document import (
     Document,
@@ -499,13 +500,18 @@ def _list_all_class_figures(result: Updating, truth: UpdatingTruth | None) -> It
         lambda: plots.log_evidences(result),
     )
     groups = group_joints([each.model_class for each in result.classes], result.system.joints)
+    turns = (
+        " Of a joint that slips it is the force where a cycle turns, less that of its stiffness while nothing slides."
+        if any(each.model_class.slips for each in result.classes)
+        else ""
+    )
     for number, group in enumerate(groups, start=1):
         yield Figure(
             "joint_forces" if len(groups) == 1 else f"joint_forces_{number}",
             f"What the classes make of the joints{'' if len(groups) == 1 else ' ' + ', '.join(group)}",
             "Nonlinear force of every class up to the extension that the tests reached; beyond, each law is an "
             "extrapolation. Classes whose curves lie on each other, drawn in turns, cannot be distinguished by these "
-            "data."
+            f"data.{turns}"
             if number == 1
             else "",
             lambda joint=group[0]: _draw_forces(result, truth, joint),  # type: ignore[misc]
@@ -592,7 +598,7 @@ def _draw_forces(result: Updating, truth: UpdatingTruth | None, joint: str) -> A
         extension,
         [_compute_force_band(each, joint, extension) for each in result.classes],
         best=result.best_class,
-        truth=truth.laws[joint].force(extension, 0.0) if truth else None,
+        truth=force_at_turns(truth.laws[joint], extension) if truth else None,
         reached=reached,
     )
 
@@ -600,7 +606,7 @@ def _draw_forces(result: Updating, truth: UpdatingTruth | None, joint: str) -> A
 def _compute_force_band(posterior: ClassPosterior, joint: str, extension: FloatArray) -> Any:
     own = posterior.model_class
     thinned = posterior.samples[:: max(1, len(posterior.samples) // N_DRAWS)]
-    draws = np.array([own.law(joint, theta).force(extension, 0.0) for theta in thinned])
+    draws = np.array([force_at_turns(own.law(joint, theta), extension) for theta in thinned])
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
     return plots.ForceBand(own.name, draws.mean(axis=0), low, high)
 

@@ -212,6 +212,7 @@ def _prepare(study: UpdatingStudy, system: JointedModes, growth: Mapping[int, fl
             form=study.form,
             harmonics=study.harmonics,
             noise=replace(study.noise, linear_error_growth=growth[mode]),
+            slips=any(each.slips for each in study.classes),
         )
         for mode, curves in by_mode(study.backbones).items()
     ]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, list_names, nearest
 from opid.mechanics.backbones.harmonic_balance import TRIED_M, TRIED_M_PER_S, depends_on_rate
 from opid.mechanics.laws.kinds import LAWS, Parameter
 from opid.mechanics.laws.law import Law, Term
@@ -76,12 +76,15 @@ class Prior:
             return self.first, self.second
         return (0.0 if self.family == "lognormal" else -np.inf), np.inf
 
-    @property
-    def wider(self) -> Prior:
-        """The prior twice as wide about the same centre."""
+    def widen(self, least: float = -np.inf, most: float = np.inf) -> Prior:
+        """Return the prior twice as wide about the same centre; a uniform one stays between `least` and `most`.
+
+        >>> Prior("uniform", 1.0, 3.0).widen(least=0.5)
+        Prior(family='uniform', first=0.5, second=4.0)
+        """
         if self.family == "uniform":
             half = (self.second - self.first) / 2
-            return Prior("uniform", self.first - half, self.second + half)
+            return Prior("uniform", max(self.first - half, least), min(self.second + half, most))
         return Prior(self.family, self.first, 2 * self.second)
 
     def log_density(self, value: ArrayLike) -> FloatArray:
@@ -128,8 +131,8 @@ class UncertainTerm:
         joints: names of the joints that have the term, with the same values; all where empty.
 
     Raises:
-        InputError: an unknown kind, one with a memory or that is neither spring nor damper, counts that do not match,
-            or a scale or a prior that its parameter cannot have.
+        InputError: an unknown kind, one with a memory that has no steady cycle or one that is neither spring nor
+            damper, counts that do not match, or a scale or a prior that its parameter cannot have.
     """
 
     kind: str
@@ -141,8 +144,9 @@ class UncertainTerm:
         if self.kind not in LAWS:
             raise InputError(f"there is no law {self.kind!r}: {nearest(self.kind, LAWS)}")
         kind = LAWS[self.kind]
-        if kind.memory is not None:
-            raise InputError(f"{self.kind!r} has a memory: give springs and dampers, whose motion is known")
+        if kind.memory is not None and kind.cycle is None:
+            known = list_names([name for name, each in LAWS.items() if each.cycle is not None], 9)
+            raise InputError(f"{self.kind!r} has a memory whose steady cycle is not known: joints may have {known}")
         wanted = [each.name for each in kind.parameters]
         for what, given in (("scale", self.scales), ("prior", self.priors)):
             if len(given) != len(wanted):
@@ -159,15 +163,26 @@ class UncertainTerm:
                     f"{parameter.name} of {self.kind!r} is positive, and its prior allows values below 0: give a "
                     "uniform one from 0 up, or a lognormal one"
                 )
+            most = scale if prior is None else scale * prior.support[1]
+            if most > parameter.stiff_below:
+                raise InputError(
+                    f"{parameter.name} of {self.kind!r} may be {most:g}, where the joint has no end of its stiffness "
+                    f"while nothing slides: give values below {parameter.stiff_below:g}, by a uniform prior or known"
+                )
         if self.is_damper and depends_on_travel(Term(self.kind, self.scales)):
             raise InputError(f"{self.kind!r} depends on the rate and on the travel: give springs and dampers apart")
         if len(set(self.joints)) < len(self.joints):
             raise InputError(f"{self.kind!r} is at the joints {self.joints}: name each once")
 
+    @property
+    def has_memory(self) -> bool:
+        """Whether it is a joint that slips: a spring that loses energy, whose stiffness at rest is not its own."""
+        return LAWS[self.kind].memory is not None
+
     @cached_property
     def is_damper(self) -> bool:
-        """Whether its force depends on the rate of the extension."""
-        return depends_on_rate(Term(self.kind, self.scales))
+        """Whether its force depends on the rate of the extension alone."""
+        return not self.has_memory and depends_on_rate(Term(self.kind, self.scales))
 
     @property
     def is_linear_damper(self) -> bool:
@@ -233,6 +248,12 @@ class ClassParameter:
         return self.term.scales[self.index]
 
     @property
+    def limits(self) -> tuple[float, float]:
+        """The ends between which theta may be."""
+        is_positive = self.own.role in ("scale", "exponent")
+        return 0.0 if is_positive else -np.inf, self.own.stiff_below / self.scale if is_positive else np.inf
+
+    @property
     def prior(self) -> Prior:
         """The prior of theta."""
         prior = self.term.priors[self.index]
@@ -259,6 +280,7 @@ class _PlainParameter:
     scale: ClassVar[float] = 1.0
     unit: ClassVar[str] = "1"
     is_amplitude: ClassVar[bool] = False
+    limits: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
 
 @dataclass(frozen=True)
@@ -364,6 +386,11 @@ class ModelClass:
     def springs(self) -> tuple[UncertainTerm, ...]:
         """The terms that move the frequencies."""
         return tuple(each for each in self.terms if not each.is_damper)
+
+    @property
+    def slips(self) -> bool:
+        """Whether a joint has a memory."""
+        return any(each.has_memory for each in self.terms)
 
     @property
     def dampers(self) -> tuple[UncertainTerm, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData
-from opid.updating.likelihood.curves import describe_failures, likelihood_function, slopes_function
+from opid.updating.likelihood.curves import LikelihoodSlopes, describe_failures, likelihood_function, slopes_function
 from opid.updating.likelihood.interactions import adapt_to_class
 from opid.updating.model_class import ModelClass
 from opid.updating.result import ClassPosterior
@@ -38,6 +38,7 @@ from opid.updating.settings import UPDATING
 from opid.updating.study import SAMPLERS, Sampler
 from opid.updating.warnings import TOO_LITTLE, has_no_effect, warn_of_class
 
+_NOWHERE = 1e12  # what a search takes for the negative logarithm of a density of 0
 METHODS = ("quadrature", "laplace", "importance", "transitional")
 
 
@@ -161,8 +162,16 @@ def _find_adapted_peak(
         if peak is None or (adapted := adapt_to_class(data, model_class, peak.theta)) is data:
             break
         found, density = adapted, density_of(adapted, model_class)
-        peak, warnings = _find_peak(density, found, model_class, rng)
+        near = _follow_peak(density, model_class, peak, rng)
+        peak, warnings = _find_peak(density, found, model_class, rng) if near is None else (near, warnings)
     return found, density, peak, warnings
+
+
+def _follow_peak(density: Density, model_class: ModelClass, peak: Maximum, rng: np.random.Generator) -> Maximum | None:
+    """Return the maximum of a density that differs little from one whose maximum is known; None where it is lost."""
+    if not np.isfinite(density.posterior(peak.theta[np.newaxis])).all():
+        return None
+    return _climb(density, peak.theta, [prior.support for prior in model_class.priors], rng)
 
 
 def _choose_methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple[str, ...]:
@@ -188,6 +197,10 @@ def _find_peak(
     support = [prior.support for prior in model_class.priors]
     starts = _draw_starts(data, model_class, rng)
     values = density.posterior(starts)
+    if data.form == "recommended" and model_class.slips:
+        # Force and travel of a joint that slips compensate for each other along a narrow, bent ridge.
+        starts = np.concatenate([_approach(data, model_class, starts, values), starts])
+        values = density.posterior(starts)
     if not np.isfinite(values).any():
         where = "; in ".join(describe_failures(data, model_class, starts, lost=True))
         raise NotDeterminedError(
@@ -199,15 +212,14 @@ def _find_peak(
     for _ in range(3):
         start = starts[int(np.argmax(values))]
         peak = _climb(density, start, support, rng)
-        if peak is None:
-            break
-        spread = np.sqrt(np.diag(peak.covariance))
-        if not any((np.abs(peak.theta - other.theta) < spread).all() for other in peaks):
-            peaks.append(peak)
+        if peak is not None:
+            spread = np.sqrt(np.diag(peak.covariance))
+            if not any((np.abs(peak.theta - other.theta) < spread).all() for other in peaks):
+                peaks.append(peak)
         # The next start lies apart from this one and from the maximum to which it led.
         width = np.ptp(starts, axis=0)
         near = np.zeros(len(starts), dtype=bool)
-        for each in (peak.theta, start):
+        for each in (start,) if peak is None else (peak.theta, start):
             near |= (np.abs(starts - each) / width < 0.2).all(axis=1)
         values = np.where(near, -np.inf, values)
         if not np.isfinite(values).any():
@@ -226,6 +238,22 @@ def _find_peak(
             "in log density: take the transitional sampler, which finds both"
         )
     return peaks[0], warnings
+
+
+def _approach(data: BackboneData, model_class: ModelClass, starts: FloatArray, values: FloatArray) -> FloatArray:
+    """Return where the slopes lead from the best of some starts, (n, n_parameters), without the force of the tests."""
+    from scipy.optimize import minimize
+
+    find_slopes = _density_of_scores(data, model_class)
+
+    def fall(score: FloatArray) -> tuple[float, FloatArray]:
+        value, slopes = find_slopes(score[np.newaxis])
+        return (-float(value[0]), -slopes[0]) if np.isfinite(value[0]) else (_NOWHERE, slopes[0])
+
+    first = np.argsort(-values)[: UPDATING.n_approached]
+    scores = np.stack([prior.to_normal(starts[first, k]) for k, prior in enumerate(model_class.priors)], axis=1)
+    ends = [minimize(fall, score, jac=True, method="L-BFGS-B", options={"maxiter": 60}).x for score in scores]
+    return _place_scores(model_class, np.array(ends))[0]
 
 
 def _draw_starts(data: BackboneData, model_class: ModelClass, rng: np.random.Generator) -> FloatArray:
@@ -301,6 +329,32 @@ def _sample(
     )  # fmt: skip
 
 
+def _place_scores(model_class: ModelClass, score: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return theta for standard normal scores, and the derivatives of each parameter by its score, (n, d) each."""
+    pairs = [prior.from_normal(score[:, k]) for k, prior in enumerate(model_class.priors)]
+    return np.stack([value for value, _ in pairs], axis=1), np.stack([slope for _, slope in pairs], axis=1)
+
+
+def _density_of_scores(data: BackboneData, model_class: ModelClass) -> LikelihoodSlopes:
+    """Return scores (n, d) -> their log density (n,) and its slopes (n, d), where the prior is a standard normal one.
+
+    The force of the backbones has no slopes and is left out.
+    """
+    slopes_of = slopes_function(data, model_class)
+
+    def find_slopes(score: FloatArray) -> tuple[FloatArray, FloatArray]:
+        theta, stretch = _place_scores(model_class, score)
+        value, slopes = np.full(len(score), -np.inf), np.zeros(score.shape)
+        inside = np.isfinite(model_class.log_prior(theta))
+        if inside.any():
+            found, by_theta = slopes_of(theta[inside])
+            value[inside] = found - 0.5 * np.sum(score[inside] ** 2, axis=1)
+            slopes[inside] = by_theta * stretch[inside] - score[inside]
+        return value, np.where(np.isfinite(value)[:, np.newaxis], slopes, 0.0)
+
+    return find_slopes
+
+
 def _walk(
     data: BackboneData,
     model_class: ModelClass,
@@ -310,28 +364,13 @@ def _walk(
     progress: Progress | None,
 ) -> Chain:
     """Return chains of the no-U-turn sampler, which walks where the prior is a standard normal distribution."""
-    slopes_of, priors = slopes_function(data, model_class), model_class.priors
-
-    def to_theta(score: FloatArray) -> tuple[FloatArray, FloatArray]:
-        pairs = [prior.from_normal(score[:, k]) for k, prior in enumerate(priors)]
-        return np.stack([value for value, _ in pairs], axis=1), np.stack([slope for _, slope in pairs], axis=1)
-
-    def find_slopes(score: FloatArray) -> tuple[FloatArray, FloatArray]:
-        theta, stretch = to_theta(score)
-        value, slopes = np.full(len(score), -np.inf), np.zeros(score.shape)
-        inside = np.isfinite(model_class.log_prior(theta))
-        if inside.any():
-            found, by_theta = slopes_of(theta[inside])
-            value[inside] = found - 0.5 * np.sum(score[inside] ** 2, axis=1)
-            slopes[inside] = by_theta * stretch[inside] - score[inside]
-        return value, np.where(np.isfinite(value)[:, np.newaxis], slopes, 0.0)
-
+    priors, find_slopes = model_class.priors, _density_of_scores(data, model_class)
     # A maximum at a bound has no finite score.
     low, high = np.transpose([prior.support for prior in priors])
     within = 0.5 * np.minimum(np.sqrt(np.diag(peak.covariance_inside)), high - low)
     best = np.clip(peak.theta, low + within, high - within)
     middle = np.array([[float(prior.to_normal(value)) for prior, value in zip(priors, best, strict=True)]])
-    stretch = to_theta(middle)[1][0]
+    stretch = _place_scores(model_class, middle)[1][0]
     # The curvature of the prior limits the scores where the data do not.
     precision = np.linalg.inv(peak.covariance_inside) * np.outer(stretch, stretch)
     covariance = np.linalg.inv(precision + np.eye(len(precision)))
@@ -343,7 +382,7 @@ def _walk(
         find_slopes, start, covariance=covariance, n_samples=kept, n_warm_up=UPDATING.steps_learnt, rng=rng,
         progress=progress,
     )  # fmt: skip
-    theta = to_theta(walked.pooled)[0]
+    theta = _place_scores(model_class, walked.pooled)[0]
     # The density of theta is that of the scores over the stretch of the coordinates.
     value = walked.log_density + 0.5 * np.sum(walked.samples**2, axis=2)
     value = value + model_class.log_prior(theta).reshape(value.shape)

@@ -67,6 +67,8 @@ class UpdatingThresholds:
     # standard deviations by which a point in an interaction may lie off the curve: no point of a sound set is as far
     unpaired_sigma: float = 5.0
     n_starts: int = 256  # draws of the prior among which the search for the maximum starts
+    # of them, those from which the slopes are followed where a joint slips
+    n_approached: int = 12
     most_iterations: int = 40  # iterations of a search for a maximum; ten are usual, unless the density has steps
     rough_drop: float = 1.0  # drop of the log density to which a rough quadratic reaches along each parameter
     most_chains: int = 20  # Metropolis chains side by side

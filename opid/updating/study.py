@@ -236,6 +236,7 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
     if not study.setting_faults:  # a wrong list of harmonics is among these
         yield from _find_harmonic_faults(study)
     yield from _find_scatter_faults(study)
+    yield from _find_memory_faults(study)
 
 
 def _find_damping_faults(study: UpdatingStudy) -> Iterator[str]:
@@ -263,6 +264,17 @@ def _find_damping_faults(study: UpdatingStudy) -> Iterator[str]:
         middle = float(ratio.from_normal(0.0)[0]) if isinstance(ratio, Prior) else ratio
         if not 0.0 < middle <= 1.0:
             yield f"the damping ratio of mode {mode} is {ratio}, give a number between 0 and 1, or a prior of one"
+
+
+def _find_memory_faults(study: UpdatingStudy) -> Iterator[str]:
+    """Yield what needs the motion of joints with memory beyond their steady cycles at phase resonance."""
+    names = [each.name for each in study.classes if each.slips]
+    if not names:
+        return
+    if study.interaction == "keep":
+        yield f"class {names[0]!r} has a joint with memory and interaction is 'keep', take 'omit'"
+    if study.prediction.responses:
+        yield f"class {names[0]!r} has a joint with memory, whose response to a force is not modelled, leave it out"
 
 
 def _find_place_faults(study: UpdatingStudy) -> Iterator[str]:

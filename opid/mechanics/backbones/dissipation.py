@@ -26,7 +26,7 @@ class PlacedTerm:
     """A term of the laws of some joints, for many samples of its parameters.
 
     Args:
-        kind: name of the kind in `opid.laws.LAWS`, one without a memory.
+        kind: name of the kind in `opid.laws.LAWS`, one without a memory or with a cycle.
         values: (n_samples, n_parameters) parameters in their units, the amplitude first.
         is_there: (n_joints,) whether each joint has the term.
     """
@@ -35,11 +35,27 @@ class PlacedTerm:
     values: FloatArray
     is_there: NDArray[np.bool_]
 
-    def find_force(self, extension: FloatArray, rate: FloatArray) -> FloatArray:
-        """Return the force, N, at extensions, m, and their rates, m/s, (n_samples, n_points, n_joints, n_times)."""
+    def find_force(self, extension: FloatArray, rate: FloatArray, reach: FloatArray) -> FloatArray:
+        """Return the force, N, at extensions, m, and their rates, m/s, (n_samples, n_points, n_joints, n_times).
+
+        A kind with memory has the mean force of both directions of a cycle up to `reach`, m, (n_samples, n_points,
+        n_joints).
+        """
+        kind = LAWS[self.kind]
         amplitude, *inner = (column[:, None, None, None] for column in self.values.T)
-        force = amplitude * LAWS[self.kind].function(extension, rate, *(*inner, 1.0, 1.0)[:2])[0]
+        if kind.cycle is not None:
+            force = amplitude * kind.cycle(extension, reach[..., None], *(*inner, 1.0, 1.0, 1.0)[:3])[0]
+        else:
+            force = amplitude * kind.function(extension, rate, *(*inner, 1.0, 1.0)[:2])[0]
         return np.asarray(force * self.is_there[:, None])
+
+    def find_lost_in_cycle(self, reach: FloatArray) -> FloatArray | float:
+        """Return the energy that a kind with memory loses in cycles up to `reach`, J; 0 of other kinds."""
+        kind = LAWS[self.kind]
+        if kind.cycle_loss is None:
+            return 0.0
+        amplitude, *inner = (column[:, None, None] for column in self.values.T)
+        return np.asarray(amplitude * kind.cycle_loss(reach, *(*inner, 1.0, 1.0, 1.0)[:3]) * self.is_there)
 
 
 def find_loss(
@@ -54,10 +70,10 @@ def find_loss(
     With q_ih the harmonics of the modal coordinates, which follow from the harmonics F_h of the springs' forces as in
     `backbone`, and z the extensions of the joints,
 
-        W = sum_i sum_h pi 2 zeta omega_i h^2 omega q_ih^2 + sum over joints of the integral of f(z') z' dt,
+        W = sum_i sum_h pi 2 zeta omega_i h^2 omega q_ih^2 + sum over joints of the integral of f(z') z' dt + W_m,
         E = sum_i sum_h h^2 omega^2 q_ih^2 / 2.
 
-    W / (4 pi E) is the effective damping ratio.
+    W / (4 pi E) is the effective damping ratio, and W_m what joints with memory lose (`Kind.cycle_loss`).
 
     Args:
         found: the backbones.
@@ -76,15 +92,22 @@ def find_loss(
     omega = np.sqrt(found.eigenvalue)
     extension = np.einsum("nphj,ht->npjt", amplitudes, np.cos(angle))
     rate = -omega[..., None, None] * np.einsum("nphj,ht->npjt", amplitudes, harmonics[:, None] * np.sin(angle))
-    nothing = np.zeros_like(extension)
-    elastic = sum((term.find_force(extension, nothing) for term in springs), nothing)
-    weight = np.cos(angle) * np.where(harmonics == 0, 1.0, 2.0)[:, None] / N_TIMES
+    # Where all harmonics are at their largest, a cycle turns.
+    reach = np.abs(amplitudes.sum(axis=2))
+    # In the other parts of the period the springs have the same forces, in the opposite order or of the other sign.
+    n_own = N_TIMES // (2 if 0 in harmonics else 4)
+    own = extension[..., :n_own]
+    at_rest, nothing = np.zeros_like(own), np.zeros_like(extension)
+    elastic = sum((term.find_force(own, at_rest, reach) for term in springs), at_rest)
+    weight = np.cos(angle[:, :n_own]) * np.where(harmonics == 0, 1.0, 2.0)[:, None] / n_own
     q = _find_coordinates(found, system, amplitudes, np.einsum("npjt,ht->nphj", elastic, weight))
     square = (harmonics[:, None] * q) ** 2
     modal = square @ np.sqrt(np.maximum(system.eigenvalue, 0.0))
     lost = 2 * np.pi * damping_ratio[:, None] * omega * modal.sum(axis=2)
-    resisting = sum((term.find_force(extension, rate) for term in dampers), nothing)
+    resisting = sum((term.find_force(extension, rate, reach) for term in dampers), nothing)
     lost = lost + 2 * np.pi / omega * np.sum(resisting * rate, axis=2).mean(axis=-1)
+    for term in springs:
+        lost = lost + np.sum(term.find_lost_in_cycle(reach) * np.ones_like(reach), axis=2)
     return lost, 0.5 * found.eigenvalue * square.sum(axis=(2, 3))
 
 

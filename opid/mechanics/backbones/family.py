@@ -20,12 +20,13 @@ from opid.mechanics.backbones.harmonic_balance import (
     refuse_velocity,
 )
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.kernels import backbone_slopes, backbones, code_of, law_arrays
+from opid.mechanics.kernels import CYCLIC, backbone_slopes, backbones, code_of
 from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.laws.law import FloatArray, Law, Term
 
 # fraction of the largest value below which a shape counts as zero
 NOTHING = 1e-9
+N_VALUES = 4  # largest number of parameters of a kind that acts on a backbone, with its amplitude
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,11 +123,13 @@ def backbone(
         phi_m(a) q - sum_{i != m} phi_i(a) psi_i^T F_1 / (l_i - l) = A,
         z_h + sum_i psi_i psi_i^T F_h / (l_i - h^2 l) = 0 for the other harmonics.
 
-    Newton's method starts from the linear mode and goes from amplitude to amplitude.
+    Newton's method starts from the linear mode and goes from amplitude to amplitude. A joint with memory has the mean
+    force of both directions of its steady cycle (`Kind.cycle`), and its stiffness while nothing slides is that of the
+    linear structure.
 
     Args:
         system: the linear structure by its modes.
-        law: law of all joints, or one for each of them; springs only.
+        law: law of all joints, or one for each of them; springs and kinds with memory that have a cycle.
         mode: number of the mode, from 1.
         sensor: name of the sensor whose amplitude is prescribed.
         amplitude: (n,) first-harmonic amplitudes of that sensor, m, positive, in any order.
@@ -144,10 +147,12 @@ def backbone(
     [103.0, 112.0]
     """
     laws = laws_of_joints(law, system)
-    firsts, codes, values, *_ = law_arrays(*laws)
     terms = tuple(term for each in laws for term in each.terms)
-    curves = _prepare_curves(system, terms, (firsts[:-1], firsts[1:], codes), mode, sensor, amplitude, harmonics)
-    eigenvalue, shapes, extension = (found[0] for found in curves.solve(values[np.newaxis]))
+    firsts, codes = np.cumsum([0, *(len(each.terms) for each in laws)]), [code_of(term.name) for term in terms]
+    spans = firsts[:-1], firsts[1:], np.array(codes, dtype=np.int64)
+    values = np.array([(*term.values, 1.0, 1.0, 1.0)[:N_VALUES] for term in terms]).reshape(1, -1, N_VALUES)
+    curves = _prepare_curves(system, terms, spans, mode, sensor, amplitude, harmonics)
+    eigenvalue, shapes, extension = (found[0] for found in curves.solve(values))
     converged = np.isfinite(eigenvalue)
     frequency_hz = np.sqrt(eigenvalue) / (2 * np.pi)
     extension = extension.reshape(converged.size, len(curves.harmonics), len(system.joints))
@@ -174,7 +179,7 @@ def family_evaluator(
 
     Args:
         system: the linear structure by its modes.
-        kinds: names of the kinds of law that are added up; springs only.
+        kinds: names of the kinds of law that are added up; see `backbone`.
         mode: number of the mode, from 1.
         sensor: name of the sensor whose amplitude is prescribed.
         amplitude: (n_points,) first-harmonic amplitudes of that sensor, m, positive, in any order.
@@ -200,7 +205,7 @@ def family_evaluator(
     every = [Term(kind, tuple(each.default for each in LAWS[kind].parameters)) for kind in kinds]
     terms = tuple(every[row] for row in placed)
     curves = _prepare_curves(system, terms, spans, mode, sensor, amplitude, harmonics)
-    place = np.full((len(kinds), 3), -1)
+    place = np.full((len(kinds), N_VALUES), -1)
     place[rows, columns] = np.arange(rows.size)
     return FamilyEvaluator(system, mode, sensor, tuple(kinds), place, tuple(placed), curves)
 
@@ -214,7 +219,7 @@ class FamilyEvaluator:
         mode: number of the mode, from 1.
         sensor: the sensor whose amplitude is prescribed.
         kinds: names of the kinds of law.
-        place: (n_kinds, 3) column of each parameter of each kind among the coefficients, -1 where there is none.
+        place: (n_kinds, 4) column of each parameter of each kind among the coefficients, -1 where there is none.
         placed: for each term of each joint, the number of its kind.
         curves: arguments of the compiled functions.
     """
@@ -282,14 +287,14 @@ class FamilyEvaluator:
         return slopes[0], slopes[1]
 
     def _place_values(self, coefficients: ArrayLike) -> FloatArray:
-        """Return the values of the terms of all joints, (n_samples, n_terms, 3)."""
+        """Return the values of the terms of all joints, (n_samples, n_terms, 4)."""
         given, n_columns = np.asarray(coefficients, dtype=np.float64), self.place.max() + 1
         if given.ndim != 2 or given.shape[1] != n_columns:
             raise InputError(
                 f"the coefficients have shape {given.shape}: give (n_samples, {n_columns}), "
                 f"one column for each parameter of {', '.join(self.kinds)}"
             )
-        values = np.ones((len(given), len(self.kinds), 3))
+        values = np.ones((len(given), len(self.kinds), N_VALUES))
         values[:, self.place >= 0] = given
         return values[:, list(self.placed)]
 
@@ -347,7 +352,7 @@ class _Curves:
     over_period: tuple[FloatArray, FloatArray, FloatArray]
 
     def solve(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return eigenvalue, shapes and extensions at all amplitudes, as given, for values (n_samples, n_terms, 3)."""
+        """Return eigenvalue, shapes and extensions at all amplitudes, as given, for values (n_samples, n_terms, 4)."""
         system, sensors, harmonics, transform = self.arguments
         factors = values[:, :, 0].copy()
         if transform[0].shape[1] == 0:
@@ -369,12 +374,12 @@ def _prepare_curves(
     harmonics: Sequence[int],
 ) -> _Curves:
     prescribed = require_amplitudes(amplitude)
-    refuse_velocity(terms)
+    refuse_velocity(terms, cycles=True)
     used = harmonics_of(terms, harmonics)
     if 0 in used:
         refuse_held_free_modes(system)
-    powers = np.array([POWERS.get(term.name, 0) for term in terms], dtype=np.int64)
-    closed = used == (1,) and bool((powers != 0).all())
+    powers = np.array([CYCLIC if term.kind.cycle else POWERS.get(term.name, 0) for term in terms], dtype=np.int64)
+    closed = used == (1,) and bool(((powers > 0) | (powers == POWERS["signed_power_stiffness"])).all())
     nothing = np.empty((1, 0))
     over_period = _multiply_out(period_transform(terms, used))
     transform = _multiply_out(Transform(nothing, nothing, nothing[0])) if closed else over_period

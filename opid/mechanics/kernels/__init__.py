@@ -14,7 +14,7 @@ from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from opid.errors import InputError
-from opid.mechanics.kernels.backbone_steps import backbone_slopes, backbones
+from opid.mechanics.kernels.backbone_steps import CYCLIC, backbone_slopes, backbones
 from opid.mechanics.kernels.compilation import code_of
 from opid.mechanics.kernels.prediction_steps import _predict_samples
 from opid.mechanics.kernels.steps import remembered_along, structure_steps
@@ -22,6 +22,7 @@ from opid.mechanics.laws.kinds import BUILT_IN, Kind
 from opid.mechanics.laws.law import FloatArray, Law, Term, TermSet
 
 __all__ = [
+    "CYCLIC",
     "backbone_slopes",
     "backbones",
     "check_compiles",

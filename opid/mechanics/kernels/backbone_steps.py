@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from opid.mechanics.kernels.compilation import evaluate, kernel, part
+from opid.mechanics.kernels.compilation import evaluate, evaluate_cycle, kernel, part
 
 # relative step after which Newton's method stops; the error is then about its square
 _SMALL_STEP = 1e-8
@@ -15,6 +15,8 @@ _MOST_HALVINGS = 8
 # farther off may be on another branch, and smaller steps are taken
 _FARTHEST = 0.05
 _FARTHEST_EXTENSION = 0.2
+# code among the powers of a kind with memory, whose force depends on the largest extension of the cycle, too
+CYCLIC = -2
 # least |z| of powers of |z|, which stay finite at z = 0
 _LEAST_TRAVEL = 1e-30
 
@@ -86,24 +88,53 @@ def _add_term(code, power, amplitude, a, b, motion, force, slope):  # type: igno
 
 
 @part(inline=False)
+def _add_cycle(code, values, motion, reach, force, slope, slope_of_reach):  # type: ignore[no-untyped-def]
+    """Add one term with memory at all times of a period."""
+    for t in range(motion.size):
+        shape, by_z, by_reach, _, _, _ = evaluate_cycle(code, motion[t], reach, values[1], values[2], values[3])
+        force[t] += values[0] * shape
+        slope[t] += values[0] * by_z
+        slope_of_reach[t] += values[0] * by_reach
+
+
+@part(inline=True)
+def _find_reach(z, n_harmonics, n_joints, j):  # type: ignore[no-untyped-def]
+    """Find the extension of a joint where all harmonics are at their largest, which may be negative."""
+    total = 0.0
+    for k in range(n_harmonics):
+        total += z[k * n_joints + j]
+    return total
+
+
+@part(inline=False)
 def _transform_forces(law, sample, transform, z, force, slope, work):  # type: ignore[no-untyped-def]
     """Compute harmonics of forces, and their slopes by harmonics of the extensions, from times of a period."""
     first_rows, last_rows, codes, powers, values, _ = law
     cosines, weights, products = transform
-    motion, force_then, slope_then = work
+    motion, force_then, slope_then, slope_of_reach = work
     n_harmonics, n_joints = force.shape
     for j in range(n_joints):
         _compute_motion_of_joint(z, n_joints, j, cosines, motion)
         for t in range(motion.size):
             force_then[t] = 0.0
             slope_then[t] = 0.0
+            slope_of_reach[t] = 0.0
+        top, is_cyclic = _find_reach(z, n_harmonics, n_joints, j), False
         for row in range(first_rows[j], last_rows[j]):
+            if powers[row] == CYCLIC:
+                is_cyclic = True
+                _add_cycle(codes[row], values[sample, row], motion, abs(top), force_then, slope_then, slope_of_reach)
+                continue
             amplitude, a, b = values[sample, row, 0], values[sample, row, 1], values[sample, row, 2]
             _add_term(codes[row], powers[row], amplitude, a, b, motion, force_then, slope_then)
         for k in range(n_harmonics):
             force[k, j] = _sum_weighted(weights, k, force_then)
             for other in range(n_harmonics):
                 slope[j, k, other] = _sum_weighted(products, k * n_harmonics + other, slope_then)
+            if is_cyclic:
+                by_top = np.sign(top) * _sum_weighted(weights, k, slope_of_reach)
+                for other in range(n_harmonics):
+                    slope[j, k, other] += by_top
 
 
 @part(inline=False)
@@ -192,22 +223,33 @@ def _compute_value_changes(system, harmonics, at, changed, onces, values):  # ty
 @part(inline=False)
 def _compute_force_changes(law, sample, transform, columns, z, changed, work):  # type: ignore[no-untyped-def]
     """Compute harmonics of the derivatives of forces by coefficients, whose numbers `columns` holds, -1 for none."""
-    first_rows, last_rows, codes, _, values, _ = law
+    first_rows, last_rows, codes, powers, values, _ = law
     cosines, weights, _ = transform
-    motion, by_value, _ = work
+    motion, by_value, _, _ = work
     changed[:] = 0.0
     n_harmonics, n_joints = changed.shape[1:]
     for j in range(n_joints):
         _compute_motion_of_joint(z, n_joints, j, cosines, motion)
+        reach = abs(_find_reach(z, n_harmonics, n_joints, j))
         for row in range(first_rows[j], last_rows[j]):
-            amplitude, a, b = values[sample, row, 0], values[sample, row, 1], values[sample, row, 2]
-            for inner in range(3):
+            amplitude, a, b, c = (
+                values[sample, row, 0],
+                values[sample, row, 1],
+                values[sample, row, 2],
+                values[sample, row, 3],
+            )
+            for inner in range(columns.shape[1]):
                 column = columns[row, inner]
                 if column < 0:
                     continue
                 for t in range(motion.size):
-                    shape, _, _, by_a, by_b = evaluate(codes[row], motion[t], 0.0, a, b)
-                    by_value[t] = shape if inner == 0 else amplitude * (by_a if inner == 1 else by_b)
+                    if powers[row] == CYCLIC:
+                        shape, _, _, by_a, by_b, by_c = evaluate_cycle(codes[row], motion[t], reach, a, b, c)
+                    else:
+                        shape, _, _, by_a, by_b = evaluate(codes[row], motion[t], 0.0, a, b)
+                        by_c = 0.0
+                    by_inner = by_a if inner == 1 else by_b if inner == 2 else by_c
+                    by_value[t] = shape if inner == 0 else amplitude * by_inner
                 for k in range(n_harmonics):
                     changed[column, k, j] += _sum_weighted(weights, k, by_value)
 
@@ -386,7 +428,7 @@ def backbones(system, sensors, harmonics, law, transform, amplitudes):  # type: 
     extension = np.full((n_samples, n_points, n - 1), np.nan)
     force, slope = np.empty((n_harmonics, n_joints)), np.empty((n_joints, n_harmonics, n_harmonics))
     once, twice = np.empty((n_harmonics, others_products.shape[1])), np.empty((n_harmonics, others_products.shape[1]))
-    work = (np.empty(n_times), np.empty(n_times), np.empty(n_times))
+    work = (np.empty(n_times), np.empty(n_times), np.empty(n_times), np.empty(n_times))
     rooms = (force, slope, once, twice, np.empty((n, n + 1)), work, np.empty(n))
     y, seen = np.empty(n), np.empty(sensors[0].size)
     positions, ratios = np.empty(3), np.empty((3, n))
@@ -520,7 +562,7 @@ def backbone_slopes(  # type: ignore[no-untyped-def]
     changed, pushes = np.empty((n_columns, n_harmonics, n_joints)), np.zeros((n_all, n_harmonics, n_modes))
     n_products = system[3].shape[1]
     once, twice = np.empty((n_harmonics, n_products)), np.empty((n_harmonics, n_products))
-    work = (np.empty(n_times), np.empty(n_times), np.empty(n_times))
+    work = (np.empty(n_times), np.empty(n_times), np.empty(n_times), np.empty(n_times))
     matrix, whole, values = np.empty((n, n + 1)), np.empty((n, n + n_all)), np.empty(n)
     y, seen, by_force, motion = np.empty(n), np.empty(n_sensors), np.empty(n_joints), np.empty((n_harmonics, n_modes))
     for sample in range(n_samples):

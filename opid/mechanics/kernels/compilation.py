@@ -166,6 +166,22 @@ def evaluate(_typing: Any, code: Any, z: Any, v: Any, a: Any, b: Any) -> Any:
 
 
 @_intrinsic
+def evaluate_cycle(_typing: Any, code: Any, z: Any, reach: Any, a: Any, b: Any, c: Any) -> Any:
+    """Compile a call of `Kind.cycle`: (code, z, reach, a, b, c) -> force for unit amplitude and its derivatives.
+
+    Args:
+        code: code of a built-in kind that has a cycle, see `code_of`.
+        z: extension, m.
+        reach: largest extension of the cycle, m.
+        a: first inner value.
+        b: second inner value.
+        c: third inner value.
+    """
+    functions = {code: kind.cycle for code, kind in enumerate(BUILT_IN) if kind.cycle is not None}
+    return _compile_choice(_typing, functions, n_in=5, n_out=6)
+
+
+@_intrinsic
 def evolve(_typing: Any, code: Any, h: Any, v: Any, a: Any, b: Any, c: Any, u: Any) -> Any:
     """Compile a call of the kind with memory of this code: (code, h, v, a, b, c, u) -> h', by h, v, a, b, c.
 

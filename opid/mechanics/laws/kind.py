@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 ForceAndDerivatives = tuple[Any, Any, Any, Any, Any]
 RateAndDerivatives = tuple[Any, Any, Any, Any, Any, Any]
+CycleAndDerivatives = tuple[Any, Any, Any, Any, Any, Any]
 
 # least |z| in log(|z|) and |z|^(n-1), which stay finite at z = 0
 TINY = 1e-30
@@ -27,8 +28,9 @@ class Parameter:
     The force is proportional to an `amplitude`. A `scale` or an `exponent` is positive, a `lag` or a `shape` any
     number; a search tries several lags, and a shape from its default on. `over_rms` is the range of a scale, in rms
     motions, in which it can be seen: below it friction is a step, above it a straight line. A scale in seconds is
-    compared with the ratio of rms travel and rms velocity. `within` is the range in which an exponent is searched, and
-    `known` are its value and standard deviation before any measurement.
+    compared with the ratio of rms travel and rms velocity. `within` is the range in which an exponent is searched,
+    `known` are its value and standard deviation before any measurement, and below `stiff_below` a joint with memory has
+    a stiffness while nothing slides.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Parameter:
     over_rms: tuple[float, float] = (0.01, 3.0)
     within: tuple[float, float] = (0.0, math.inf)
     known: tuple[float, float] | None = None
+    stiff_below: float = math.inf
 
     @property
     def words(self) -> str:
@@ -86,6 +89,10 @@ class Kind:
         limit: largest |h|, at which an element slips. Such a kind has no d, and until it slips h moves with the travel:
             h' is v times a function of a, b, c and u.
         memory_start: standard deviation of h where a record begins, in the unit of h.
+        cycle: function (z, reach, a, b, c) -> the mean of the forces of both directions at z, for unit amplitude, of a
+            steady cycle between -reach and reach, less the force of the stiffness while nothing slides, and its
+            derivatives by z, reach, a, b and c; nan where that stiffness has no end. It is odd in z.
+        cycle_loss: function (reach, a, b, c) -> the energy that is lost in such a cycle, for unit amplitude.
     """
 
     name: str
@@ -106,6 +113,8 @@ class Kind:
     weights: tuple[float, ...] = (1.0,)
     limit: float = math.inf
     memory_start: float = 0.0
+    cycle: Callable[..., CycleAndDerivatives] | None = field(default=None, repr=False)
+    cycle_loss: Callable[..., Any] | None = field(default=None, repr=False)
 
     @property
     def slides(self) -> bool:

@@ -10,7 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from opid.mechanics.laws.kind import TINY, ForceAndDerivatives, Kind, Parameter, RateAndDerivatives
+from opid.mechanics.laws.kind import (
+    TINY,
+    CycleAndDerivatives,
+    ForceAndDerivatives,
+    Kind,
+    Parameter,
+    RateAndDerivatives,
+)
 
 # Each element carries the force of a joint between two of these fractions. Their ratios are nearly equal, because many
 # small sliders slip first. With twenty such elements for joints of forty sliders the misfit is the noise of usual
@@ -37,6 +44,21 @@ def _dahl(h: Any, v: Any, s: Any, _b: Any, _c: Any, _u: Any) -> RateAndDerivativ
     speed = np.abs(v)
     rate = (v - speed * h) / s
     return rate, -speed / s, (1.0 - np.sign(v) * h) / s, -rate / s, 0.0, 0.0
+
+
+def _dahl_cycle(z: Any, reach: Any, s: Any, _b: Any, _c: Any) -> CycleAndDerivatives:
+    # The loop is -1 + (1 + tanh X) exp(x - X) on its way back, and the mean of both ways sinh x / cosh X.
+    x, top = z / s, reach / s
+    fall, whole = np.exp(np.abs(x) - top), 1.0 + np.exp(-2.0 * top)
+    rest = np.exp(-2.0 * np.abs(x))
+    mean = np.sign(x) * fall * (1.0 - rest) / whole
+    by_z = (fall * (1.0 + rest) / whole - 1.0) / s
+    by_reach = -mean * np.tanh(top) / s
+    return mean - x, by_z, by_reach, -(z * by_z + reach * by_reach) / s, 0.0, 0.0
+
+
+def _dahl_loss(reach: Any, s: Any, _b: Any, _c: Any) -> Any:
+    return 4.0 * (reach - s * np.tanh(reach / s))
 
 
 def _bouc_wen(h: Any, v: Any, s: Any, n: Any, c: Any, _u: Any) -> RateAndDerivatives:
@@ -74,6 +96,44 @@ def _slipping(h: Any, v: Any, s: Any, p: Any, c: Any, u: Any) -> RateAndDerivati
     return by_v * v, 0.0, by_v, -by_v * v / s, by_p * v, by_c * v
 
 
+def _slipping_cycle(z: Any, reach: Any, s: Any, p: Any, c: Any) -> CycleAndDerivatives:
+    # On first loading to x, in units of s, sliders lose L = f x^q, q = 1 / p, and all their stiffness beyond 1. The
+    # loop is that curve twice as large (Masing), so that the mean of both ways loses L((X + x) / 2) - L((X - x) / 2).
+    # With q < 1 the stiffness has no end, and the logarithm is nan.
+    q, gradual = 1.0 / p, 1.0 / (1.0 + c)
+    excess = np.exp(np.log(q - 1.0))
+    f = gradual / excess
+    stiffness = f * q + 1.0 - gradual
+    force, by_z, by_reach, by_s, by_q, by_c = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for sign in (1.0, -1.0):
+        x = np.maximum(0.5 * (reach + sign * z) / s, TINY)
+        inside = np.minimum(x, 1.0)
+        beyond = x - inside
+        slides = np.sign(beyond)
+        logarithm = np.log(inside)
+        power = np.exp(q * logarithm)
+        slope = sign * ((1.0 - slides) * f * q * power / inside + slides * stiffness)
+        force = force - sign * (f * power + stiffness * beyond)
+        by_z = by_z - 0.5 * sign * slope / s
+        by_reach = by_reach - 0.5 * slope / s
+        by_s = by_s + slope * x / s
+        by_q = by_q - sign * f * (power * logarithm - (power + beyond) / excess)
+        by_c = by_c + sign * gradual * (f * power + (f * q - gradual) * beyond)
+    return force, by_z, by_reach, by_s, -q * q * by_q, by_c
+
+
+def _slipping_loss(reach: Any, s: Any, p: Any, c: Any) -> Any:
+    q, gradual = 1.0 / p, 1.0 / (1.0 + c)
+    f = gradual / np.exp(np.log(q - 1.0))
+    stiffness = f * q + 1.0 - gradual
+    x = reach / s
+    inside = np.minimum(x, 1.0)
+    beyond, power = x - inside, inside**q
+    lost = f * power + stiffness * beyond
+    integral = f * power * inside / (q + 1.0) + f * beyond + 0.5 * stiffness * beyond**2
+    return s * (4.0 * x * lost - 8.0 * integral)
+
+
 def _maxwell(h: Any, v: Any, t: Any, _b: Any, _c: Any, _u: Any) -> RateAndDerivatives:
     return v - h / t, -1.0 / t, 1.0, h / (t * t), 0.0, 0.0
 
@@ -91,6 +151,8 @@ MEMORY_KINDS = (
         is_friction=True,
         memory=_dahl,
         memory_start=0.5,
+        cycle=_dahl_cycle,
+        cycle_loss=_dahl_loss,
     ),
     # a joint or an isolator that yields (Bouc 1967, Wen 1976): stiffness K + A/s before, K after, sharper with n; with
     # c = 1/2 it yields at the force A and the travel s, in general at both times (1/2 + c)^(-1/n)
@@ -133,7 +195,7 @@ MEMORY_KINDS = (
         (
             Parameter("amplitude_n", "N", "amplitude", 400.0),
             Parameter("scale_m", "m", "scale", 2e-3, over_rms=(0.01, 5.0)),
-            Parameter("spread", "1", "exponent", 0.5, within=(0.05, 3.0)),
+            Parameter("spread", "1", "exponent", 0.5, within=(0.05, 3.0), stiff_below=1.0),
             Parameter("jump", "1", "exponent", 0.5, within=(0.01, 10.0)),
         ),
         _sliding,
@@ -143,6 +205,8 @@ MEMORY_KINDS = (
         weights=WEIGHTS,
         limit=1.0,
         memory_start=0.5,
+        cycle=_slipping_cycle,
+        cycle_loss=_slipping_loss,
     ),
     # a spring and a damper in series, an arm of rubber: stiffness k in quick motion, damping k T in slow motion
     Kind(

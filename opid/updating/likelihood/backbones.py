@@ -24,7 +24,8 @@ FORMS: tuple[Form, ...] = get_args(Form)
 
 IntArray = NDArray[np.int64]
 
-N_NODES = 12  # amplitudes at which the model is solved for one mode; between them its curve is a polynomial
+N_NODES = 12  # amplitudes at which the model is solved for one mode; between them its curve is a polynomial, ...
+N_NODES_OF_SLIP = 40  # ... which follows the bend where all sliders of a joint slip within 1e-5 of lambda (rms)
 LEAST_APART = 1.7  # eigenvalue over the measured one above which a mode does not meet the first harmonic
 FAR_AWAY = 1e3  # factor of the eigenvalue of a mode that is out of the reach of all harmonics
 
@@ -153,6 +154,7 @@ def backbone_data(
     form: Form = "recommended",
     harmonics: Sequence[int] = (1, 3),
     noise: NoiseSettings | None = None,
+    slips: bool = False,
 ) -> BackboneData:
     """Return measured backbones grouped by mode, with everything that does not depend on the law.
 
@@ -164,6 +166,7 @@ def backbone_data(
             (eqs. 7 and 8); "recommended" has curves with offsets of their own (`opid.updating.likelihood.noise`).
         harmonics: harmonics of the model.
         noise: settings for the errors.
+        slips: whether joints of a class slip: their curves bend where all sliders do, and need more amplitudes.
 
     Raises:
         InputError: no backbone, an unknown form, sensors that the system does not have, a mode of which only some
@@ -180,7 +183,7 @@ def backbone_data(
     modes = []
     for mode, curves in by_mode(measured).items():
         cov = (noise.cov or {}).get(mode) or coefficient_of_variation(curves)
-        modes.append(_make_mode_data(system, curves, noise, cov, form))
+        modes.append(_make_mode_data(system, curves, noise, cov, form, N_NODES_OF_SLIP if slips else N_NODES))
     for each in modes if form != "recommended" else ():
         if not each.cov > 0:
             raise InputError(scatter_fault(each.mode))
@@ -217,7 +220,7 @@ def coefficient_of_variation(curves: Sequence[MeasuredBackbone]) -> float:
 
 
 def _make_mode_data(
-    system: JointedModes, curves: Sequence[MeasuredBackbone], noise: NoiseSettings, cov: float, form: Form
+    system: JointedModes, curves: Sequence[MeasuredBackbone], noise: NoiseSettings, cov: float, form: Form, n_nodes: int
 ) -> ModeData:
     mode = curves[0].mode
     linear = float(system.eigenvalue[system.index(mode)])
@@ -236,7 +239,7 @@ def _make_mode_data(
     for sensor in dict.fromkeys(controlled):
         system.sensor(sensor)
         mine = names == sensor
-        nodes, block = _place_nodes(amplitude[mine])
+        nodes, block = _place_nodes(amplitude[mine], n_nodes)
         rows_of_all = np.zeros((mine.size, nodes.size))
         rows_of_all[mine] = block
         parts.append((sensor, nodes))
@@ -380,19 +383,19 @@ def _find_growth(names: NDArray[np.str_], amplitude: FloatArray, grown: FloatArr
     return relative, smooth - smooth.min()
 
 
-def _place_nodes(amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _place_nodes(amplitude: FloatArray, n_nodes: int) -> tuple[FloatArray, FloatArray]:
     """Return amplitudes to solve at, Chebyshev nodes or the few given ones, and the matrix that interpolates them."""
     unique, index = np.unique(amplitude, return_inverse=True)
-    if unique.size <= N_NODES:
+    if unique.size <= n_nodes:
         return unique, np.eye(unique.size)[index]
     from scipy.interpolate import BarycentricInterpolator
 
     low, high = unique[0], unique[-1]
-    nodes = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(N_NODES) / (N_NODES - 1))
+    nodes = (low + high) / 2 - (high - low) / 2 * np.cos(np.pi * np.arange(n_nodes) / (n_nodes - 1))
     # The weights of Chebyshev nodes (Berrut & Trefethen 2004, eq. 5.4) are stated, for scipy's depend on chance.
-    weights = (-1.0) ** np.arange(N_NODES)
+    weights = (-1.0) ** np.arange(n_nodes)
     weights[[0, -1]] /= 2
-    return nodes, BarycentricInterpolator(nodes, np.eye(N_NODES), wi=weights)(amplitude)
+    return nodes, BarycentricInterpolator(nodes, np.eye(n_nodes), wi=weights)(amplitude)
 
 
 # ---- modes that a harmonic meets ---------------------------------------------------------------------

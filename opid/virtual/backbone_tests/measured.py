@@ -30,8 +30,8 @@ AMPLITUDE_M = ((2e-4, 4e-3), (2e-4, 2.5e-3))
 BENCH_NOISE = ReadingNoise(acceleration_m_per_s2=5e-3, force_n=5e-3, control_n=1e-2)
 """Noise of each of 64 samples in a period: 0.5 mg, 5 mN, and 10 mN with which the feedback shakes the structure."""
 
-# number of points of the curve that is interpolated; its third derivative is small
-_N_GRID = 40
+# number of points of the curve that is interpolated: joints that slip bend it
+_N_GRID = 200
 
 
 def virtual_backbones(
