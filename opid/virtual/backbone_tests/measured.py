@@ -30,8 +30,9 @@ AMPLITUDE_M = ((2e-4, 4e-3), (2e-4, 2.5e-3))
 BENCH_NOISE = ReadingNoise(acceleration_m_per_s2=5e-3, force_n=5e-3, control_n=1e-2)
 """Noise of each of 64 samples in a period: 0.5 mg, 5 mN, and 10 mN with which the feedback shakes the structure."""
 
-# number of points of the curve that is interpolated: joints that slip bend it
-_N_GRID = 200
+# number of points of the curve that is interpolated; its third derivative is small, ...
+_N_GRID = 40
+_N_GRID_OF_SLIP = 200  # ... but not where all sliders of a joint slip
 
 
 def virtual_backbones(
@@ -204,7 +205,7 @@ def synthetic_backbones(
     curves = []
     for m, (mode, (least, most)) in enumerate(zip(modes, ranges, strict=True)):
         shifted = _shift_mode(system, mode, linear[m] * rng.standard_normal())
-        grid = np.linspace(least, most, _N_GRID)
+        grid = np.linspace(least, most, _N_GRID_OF_SLIP if model_class.slips else _N_GRID)
         true = backbone(shifted, laws, mode=mode, sensor=controlled_sensor, amplitude=grid, harmonics=harmonics)
         for number in range(1, n_curves[m] + 1):
             amplitude = _draw_amplitudes(least, most, n_points, amplitude_jitter, rng)
