@@ -29,6 +29,7 @@ from opid.modal.joint_terms import JointEstimates
 from opid.modal.linear.fitted_modes import SCHEMA as MODES, FittedModes
 from opid.modal.linear.level_shifts import LevelShift
 from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.stages import SCHEMA as STAGES, ModeStages, StageShift
 from opid.modal.model import Comparison as TruthComparison, TruthTest
 from opid.modal.resonance.appropriation import Interaction
 from opid.modal.resonance.curve_fit import CurveFit, StateCheck
@@ -381,6 +382,12 @@ def _linear_modes() -> Json:
     }
 
 
+def _mode_stages() -> Json:
+    own = fields_of(ModeStages, "stages") | {"warnings": TEXTS, "settings": {"type": "object"}}
+    modes = array(keys(_linear_modes() | {"schema": {"const": MODES}}))
+    return own | {"modes": modes, "shifts": array(array(keys(fields_of(StageShift))))}
+
+
 def _residual_of(record: type) -> Json:
     return {"residual_share": fields_of(record, "residual_fraction")["residual_fraction"]}
 
@@ -511,6 +518,7 @@ FILES = (
     (PLAN, "what planned runs will determine, and the cheapest plan (opid plan)", _plan, ()),
     (HEALTH, "what is wrong with logs (opid inspect)", _health, ()),
     (MODES, "linear modes of measured responses (opid modes)", _linear_modes, ()),
+    (STAGES, "linear modes at several stages of a campaign (opid modes --stage)", _mode_stages, ()),
     (DECAY, "one free decay (opid decay)", lambda: _free_decay() | {"settings": {"type": "object"}}, ()),
     (MODAL, "a nonlinear modal model (opid modal)", _modal, ()),
     (RESONANCE, "one mode in measured tests at phase resonance (opid resonance)", _resonance, ()),

@@ -57,6 +57,10 @@ DRAWN = {
     "drive_point_response": lambda result: plots.drive_point_response(
         resynthesised(small_modes(), np.linspace(20, 100, 300), "case_x"), {SOFT: 60.0}
     ),
+    "stage_responses": lambda result: plots.stage_responses(
+        {name: resynthesised(small_modes(), np.linspace(20, 100, 300), "case_x") for name in ("hammer", "$shaker$")},
+        {SOFT: 60.0},
+    ),
 }
 
 

@@ -28,6 +28,7 @@ from opid.mechanics.truth import UpdatingTruth
 from opid.modal.linear.frequency_response import resynthesised
 from opid.modal.linear.modes import LinearModes
 from opid.modal.linear.response_fit import fit_modes
+from opid.modal.linear.stages import compare_stages
 from opid.modal.resonance.identification import identify_resonance, identify_resonances
 from opid.provenance import traced
 from opid.report.writing import KINDS
@@ -141,6 +142,10 @@ def linear_modes(request, folder):
     return fit_modes([resynthesised(known, np.arange(10.0, 40.0, 0.05), "tip")], band_hz=(12.0, 38.0))
 
 
+def mode_stages(request, folder):
+    return compare_stages({"hammer": linear_modes(request, folder), "shaker": linear_modes(request, folder)})
+
+
 def modal(request, folder):
     return small_result(decays=[small_decay()])
 
@@ -172,6 +177,7 @@ MAKERS = (
     inspection,
     decay,
     linear_modes,
+    mode_stages,
     modal,
     resonance,
     curve_held_out,

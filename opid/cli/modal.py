@@ -31,6 +31,7 @@ from opid.progress import Say
 if TYPE_CHECKING:
     from opid.modal.decay.free_decay import Decay
     from opid.modal.linear.fitted_modes import FittedModes
+    from opid.modal.linear.stages import ModeStages
     from opid.signals.recording import FloatArray, Recording
 
 FRACTION = click.FloatRange(min=0, max=1, min_open=True)
@@ -122,29 +123,69 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
     metavar="LOW HIGH",
     help="Band, Hz, that begins and ends between modes.",
 )
+@click.option(
+    "--stage",
+    "stages",
+    multiple=True,
+    metavar="NAME",
+    help="Stage of the campaign, once for each log in turn: the modes of each stage are found and compared.",
+)
 @channel_units_option("Unit of a channel, like hammer=lbf, whatever the logs say; once for each channel.")
 @time_unit_option
-@out_option("Folder for result.json, report and modes.csv, which a study takes as its modes.")
+@out_option("Folder for result.json, report and modes.csv, which a study takes as its modes; one for each stage.")
 @with_output
-def modes(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
+def modes(logs: tuple[Path, ...], stages: tuple[str, ...], output: Output, **settings: Any) -> None:
     """Find linear modes from impacts or random forces: frequencies, damping, and mass-normalised shapes.
 
     Each log is a record that begins at rest and has decayed at its end, in which one force drives the structure. All
     channels that read a motion (g, mm/s, mm) or a strain (ustrain) are sensors. Several logs of one drive point are
-    averaged; several drive points separate modes of nearly one frequency.
+    averaged; several drive points separate modes of nearly one frequency. With a stage for each log, each stage has
+    modes of its own, and by how much they moved since the first one is told and drawn.
     """
     from opid.modal.linear.modes_file import write_modes
 
-    output = output.reserve((*REPORT, "modes.csv"))
+    names = [f"modes_{number}.csv" for number in range(1, len({*stages}) + 1)] or ["modes.csv"]
+    output = output.reserve((*REPORT, *names))
     with output.progress() as say:
-        found = _find_modes(logs, settings, say)
+        found = _find_stages(logs, stages, settings, say) if stages else _find_modes(logs, settings, say)
         notes = output.write(found, progress=say)
-        if output.out is not None and not found.has_scale:
-            notes = (*notes, "There is no modes.csv, because the shapes are not mass-normalised: see the warnings.")
-        elif output.out is not None:
-            write_modes(found.modes, output.out / "modes.csv")
-            notes = (*notes, f"Modes: {output.out / 'modes.csv'} (the file that a study names as its modes)")
+        for name, each in zip(names, found.each_stage, strict=True) if output.out is not None else ():
+            if each.has_scale:
+                write_modes(each.modes, output.folder / name)
+                notes = (*notes, f"Modes: {output.folder / name} (the file that a study names as its modes)")
+            else:
+                note = f"There is no {name}, because the shapes are not mass-normalised: see the warnings."
+                notes = (*notes, note)
     output.show(found, notes=notes)
+
+
+def _find_stages(logs: tuple[Path, ...], stages: tuple[str, ...], settings: Mapping[str, Any], say: Say) -> ModeStages:
+    """Return the linear modes of each stage by its logs, and how they moved."""
+    from opid.modal.linear.stages import compare_stages
+
+    if len(stages) != len(logs):
+        raise InputError(
+            f"--stage is given {len(stages)} times for {len(logs)} logs: give it once for each of them in their order"
+        )
+    drive_points = _repeat_drive_points(settings["drive_points"], len(logs))
+    found = {}
+    for stage in dict.fromkeys(stages):
+        own = [number for number, name in enumerate(stages) if name == stage]
+        say(f"stage {stage}")
+        given = {**settings, "drive_points": tuple(drive_points[number] for number in own)}
+        found[stage] = _find_modes(tuple(logs[number] for number in own), given, say)
+    given = {"logs": [str(log) for log in logs], "stages": stages, **settings}
+    return replace(compare_stages(found), settings=given)
+
+
+def _repeat_drive_points(drive_points: tuple[str, ...], n_logs: int) -> tuple[str, ...]:
+    """Return the drive point of each log."""
+    if len(drive_points) not in (1, n_logs):
+        raise InputError(
+            f"--drive-point is given {len(drive_points)} times for {n_logs} logs: give it once for all of them, or "
+            "once for each in their order"
+        )
+    return drive_points * (n_logs if len(drive_points) == 1 else 1)
 
 
 def _find_modes(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -> FittedModes:
@@ -152,16 +193,10 @@ def _find_modes(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -
     from opid.modal.linear.frequency_response import ForcedRecord, forced_record, measured_response
     from opid.modal.linear.response_fit import fit_modes
 
-    drive_points = settings["drive_points"]
-    if len(drive_points) not in (1, len(logs)):
-        raise InputError(
-            f"--drive-point is given {len(drive_points)} times for {len(logs)} logs: give it once for all of them, or "
-            "once for each in their order"
-        )
+    drive_points = _repeat_drive_points(settings["drive_points"], len(logs))
     records: dict[str, list[ForcedRecord]] = {}
-    for number, log in enumerate(logs):
+    for number, (log, drive_point) in enumerate(zip(logs, drive_points, strict=True)):
         say(f"log {number + 1} of {len(logs)}")
-        drive_point = drive_points[number % len(drive_points)]
         recording = _read_channels(log, dict(settings["units"]), settings["time_unit"])
         record = forced_record(recording, name=str(log), force=settings["force_channel"], drive_point=drive_point)
         records.setdefault(drive_point, []).append(record)

@@ -61,6 +61,10 @@ from .linear.modes_file import (
     read_modes as read_modes,
     write_modes as write_modes,
 )
+from .linear.stages import (
+    ModeStages as ModeStages,
+    compare_stages as compare_stages,
+)
 from .model import (
     NonlinearModalModel as NonlinearModalModel,
     modal_response as modal_response,

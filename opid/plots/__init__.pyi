@@ -43,6 +43,7 @@ from .modes import (
     drive_point_response as drive_point_response,
     level_shift_figures as level_shift_figures,
     mode_indicators as mode_indicators,
+    stage_responses as stage_responses,
 )
 from .nonlinear_modes import (
     backbone as backbone,

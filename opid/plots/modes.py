@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from opid.errors import list_names
 from opid.estimate import format_number, format_percent
 from opid.modal.linear.frequency_response import FrequencyResponse, ModeIndicator
 from opid.modal.linear.level_shifts import LevelShift
@@ -171,6 +172,32 @@ def drive_point_response(response: FrequencyResponse, marked: Mapping[int, float
         ax.set(xlim=(float(response.frequency_hz[0]), float(response.frequency_hz[-1])), xlabel="frequency [Hz]")
         ax.set_ylabel("imaginary part [m/s²/N]")
         ax.set_title(f"Response at {response.drive_point}", pad=14)
+    return ax
+
+
+def stage_responses(responses: Mapping[str, FrequencyResponse], marked: Mapping[int, float], ax: Any = None) -> Axes:
+    """Draw the size of the response at the drive point at several stages of a campaign (Fig. 11 of Pacini).
+
+    Args:
+        responses: by the name of the stage, each with its drive point among its sensors.
+        marked: frequency of modes of the first stage, Hz, by their number.
+        ax: one Axes, or None for a new figure.
+    """
+    with house_style():
+        ax = panels(ax, 1, height_in=3.8)[0, 0]
+        for color, (name, each) in zip(_choose_colors(len(responses)), responses.items(), strict=True):
+            size = np.abs(each.value[:, each.sensors.index(each.drive_point)])
+            ax.plot(each.frequency_hz, size, color=color, linewidth=1.1, label=name)
+        number_modes(ax, marked, zorder=0)
+        ends = [(each.frequency_hz[0], each.frequency_hz[-1]) for each in responses.values()]
+        ax.set(xlim=(min(low for low, _ in ends), max(high for _, high in ends)), yscale="log", xlabel="frequency [Hz]")
+        ax.set_ylabel("size of the response [m/s²/N]")
+        drives = list_names(dict.fromkeys(each.drive_point for each in responses.values()))
+        ax.set_title(f"Response at {drives}", pad=14)
+        legend = ax.legend(loc="lower right")
+        thicken(legend)
+        for label in legend.get_texts():
+            label.set_parse_math(False)  # a name may hold dollar signs
     return ax
 
 

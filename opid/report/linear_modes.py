@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from opid.errors import list_names
@@ -10,15 +11,106 @@ from opid.estimate import format_number, format_percent, rounded
 from opid.modal.linear.fitted_modes import FittedModes
 from opid.modal.linear.frequency_response import cmif, weigh_response
 from opid.modal.linear.modes import ACCELERATION
-from opid.report.document import Column, Document, Figure, Paragraph, Row, Table, build_warnings, format_count
+from opid.modal.linear.stages import ModeStages
+from opid.report.document import (
+    Block,
+    Column,
+    Document,
+    Figure,
+    Paragraph,
+    Row,
+    Table,
+    build_warnings,
+    format_count,
+)
 from opid.report.estimates import format_estimate
+from opid.report.nonlinear_modes import PACINI
 
 MODES_IN_A_TABLE = 5
 """Shapes beside each other, in 80 columns."""
 
 
-def build_document(result: FittedModes) -> Document:
-    """Return the report: frequency, damping, modal mass and shape of each mode, and the responses beside the fit."""
+def build_document(result: FittedModes | ModeStages) -> Document:
+    """Return the report: frequency, damping, modal mass and shape of each mode, and the responses beside the fit.
+
+    Of several stages it begins with what moved between them.
+    """
+    return _build_one(result) if isinstance(result, FittedModes) else _build_stages(result)
+
+
+def _build_stages(result: ModeStages) -> Document:
+    several = list(zip(result.stages, result.each_stage, strict=True))
+    blocks = [_name_stage(block, name) for name, each in several for block in _list_blocks(each)]
+    low_hz, high_hz = (format_number(each, 4) for each in result.each_stage[0].band_hz)
+    return Document(
+        f"Linear modes at {format_count(len(several), 'stage')}: {list_names(result.stages)}",
+        "what moved between the stages of a campaign",
+        f"Modes between {low_hz} and {high_hz} Hz, each stage by its own records.",
+        None,
+        (_tabulate_stages(result), *blocks, build_warnings(result.warnings)),
+        lambda: [
+            _build_stage_figure(result),
+            *(_name_stage(_build_figure(each, f"_{number}"), name) for number, (name, each) in enumerate(several, 1)),
+        ],
+        _write_command(result.settings),
+        source="record",
+        reference=f"The comparison of stages is that of {PACINI}",
+    )
+
+
+def _name_stage(block: Block, name: str) -> Block:
+    """Return a block of the report of one stage with the stage in its heading."""
+    if isinstance(block, Table):
+        return replace(block, title=f"{name}: {block.title}" if block.title else name)
+    if isinstance(block, Paragraph):
+        return replace(block, heading=name)
+    return replace(block, heading=f"{name}: {block.heading}") if isinstance(block, Figure) else block
+
+
+def _tabulate_stages(result: ModeStages) -> Table:
+    """Return how each mode of the first stage moved."""
+    rows = []
+    for stage, shifts in zip(result.stages[1:], result.shifts, strict=True):
+        for each in shifts:
+            mac = "-" if each.mac is None else f"{each.mac:.3f}"
+            there = "-" if each.number is None else str(each.number)
+            changes = (*format_estimate(each.frequency, 100.0), *format_estimate(each.damping, 100.0))
+            rows.append((stage, str(each.mode), there, *changes, mac))
+    return Table(
+        (
+            *(Column("stage", align="left"), Column("mode"), Column("there")),
+            *(Column("frequency", "%"), Column("std. dev.")),
+            *(Column("damping", "%"), Column("std. dev.")),
+            Column("MAC"),
+        ),
+        tuple(rows),
+        title=f"Changes since {result.stages[0]}",
+        legend="A mode has its number at the first stage, and there is that at the other one; without it no mode is "
+        "like it.",
+    )
+
+
+def _build_stage_figure(result: ModeStages) -> Figure:
+    def draw() -> Any:
+        from opid import plots
+
+        drives = [{response.drive_point: response for response in each.responses} for each in result.each_stage]
+        common = [name for name in drives[0] if all(name in each for each in drives)]
+        shown = [each[common[0]] if common else next(iter(each.values())) for each in drives]
+        first = result.each_stage[0]
+        marked = {number: each.value or 0.0 for number, each in enumerate(first.frequency_hz, start=1)}
+        return plots.stage_responses(dict(zip(result.stages, shown, strict=True)), marked)
+
+    return Figure(
+        "stages",
+        "The drive point at every stage",
+        "Size of the measured response at the drive point. A peak that moves is a structure that changed between the "
+        "stages; lines are the modes of the first stage, by number.",
+        draw,
+    )
+
+
+def _build_one(result: FittedModes) -> Document:
     low_hz, high_hz = (format_number(each, 4) for each in result.band_hz)
     drives = list_names([each.drive_point for each in result.responses])
     n = len(result.frequency_hz)
@@ -27,27 +119,28 @@ def build_document(result: FittedModes) -> Document:
         "natural frequencies, damping ratios, modal masses and shapes",
         f"{format_count(n, 'mode')} {'lies' if n == 1 else 'lie'} between {low_hz} and {high_hz} Hz.",
         None,
-        (
-            Paragraph(_say_basis(result)),
-            Table(
-                (
-                    Column("mode"),
-                    *(Column("frequency", "Hz"), Column("std. dev.")),
-                    *(Column("damping", "%"), Column("std. dev.")),
-                    *(Column("modal mass", "kg"), Column("std. dev.")),
-                ),
-                tuple(_list_rows(result)),
-                legend="The modal mass belongs to a shape that is 1 at the drive point; its standard deviation holds "
-                "1.4 % for the calibrations of force and acceleration.",
-            ),
-            *_tabulate_shapes(result),
-            _tabulate_sensors(result),
-            build_warnings(result.warnings),
-        ),
+        (*_list_blocks(result), build_warnings(result.warnings)),
         lambda: [_build_figure(result)],
         _write_command(result.settings),
         source="record",
     )
+
+
+def _list_blocks(result: FittedModes) -> Iterator[Block]:
+    yield Paragraph(_say_basis(result))
+    yield Table(
+        (
+            Column("mode"),
+            *(Column("frequency", "Hz"), Column("std. dev.")),
+            *(Column("damping", "%"), Column("std. dev.")),
+            *(Column("modal mass", "kg"), Column("std. dev.")),
+        ),
+        tuple(_list_rows(result)),
+        legend="The modal mass belongs to a shape that is 1 at the drive point; its standard deviation holds "
+        "1.4 % for the calibrations of force and acceleration.",
+    )
+    yield from _tabulate_shapes(result)
+    yield _tabulate_sensors(result)
 
 
 def _say_basis(result: FittedModes) -> str:
@@ -131,7 +224,7 @@ def _list_rows(result: FittedModes) -> Iterator[Row]:
         yield (str(number), *format_estimate(frequency), *format_estimate(damping, 100.0), *format_estimate(mass))
 
 
-def _build_figure(result: FittedModes) -> Figure:
+def _build_figure(result: FittedModes, suffix: str = "") -> Figure:
     def draw() -> Any:
         from opid import plots
 
@@ -144,7 +237,7 @@ def _build_figure(result: FittedModes) -> Figure:
         return plots.mode_indicators(measured, cmif(fitted), marked=marked, title="Modes by number")
 
     return Figure(
-        "mode_indicator",
+        f"mode_indicator{suffix}",
         "Measured responses and the modes",
         "Largest singular value of all responses at each line (complex mode indicator function), measured and of the "
         "fitted modes. A peak without a number is a mode that was left out, or no mode.",
@@ -159,6 +252,7 @@ def _write_command(settings: Mapping[str, Any]) -> list[str]:
     if "band" in settings:
         words += ["--band", *(f"{each:g}" for each in settings["band"])]
     words += [word for channel, unit in settings.get("units", ()) for word in ("--unit", f"{channel}={unit}")]
+    words += [word for stage in settings.get("stages", ()) for word in ("--stage", str(stage))]
     if settings.get("time_unit") is not None:
         words += ["--time-unit", str(settings["time_unit"])]
     return words + (["--force-channel", str(settings["force_channel"])] if settings else [])

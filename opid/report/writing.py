@@ -66,6 +66,7 @@ KINDS = (
     KindOfResult("signals.health.result.Inspection", "health"),
     KindOfResult("modal.decay.free_decay.Decay", "decay"),
     KindOfResult("modal.linear.fitted_modes.FittedModes", "linear_modes"),
+    KindOfResult("modal.linear.stages.ModeStages", "linear_modes"),
     KindOfResult("modal.result.ModalIdentification", "nonlinear_modes", (ModalTruth,)),
     KindOfResult("modal.resonance.result.Resonance", "resonance", (ModalTruth,)),
     KindOfResult("modal.resonance.result.Resonances", "resonance", (ModalTruth,)),

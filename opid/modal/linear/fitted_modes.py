@@ -208,6 +208,11 @@ class FittedModes(Result):
     files: tuple[ReadFile, ...] = ()
 
     @property
+    def each_stage(self) -> tuple[FittedModes, ...]:
+        """These modes alone: all records are of one stage (`ModeStages` has several)."""
+        return (self,)
+
+    @property
     def modes(self) -> LinearModes:
         """The modes as a study takes them, without the sensors that have no shape.
 
