@@ -61,7 +61,7 @@ def _build_stages(result: ModeStages) -> Document:
 def _name_stage(block: Block, name: str) -> Block:
     """Return a block of the report of one stage with the stage in its heading."""
     if isinstance(block, Table):
-        return replace(block, title=f"{name}: {block.title}" if block.title else name)
+        return replace(block, title=f"{name}: {block.title or 'modes'}")
     if isinstance(block, Paragraph):
         return replace(block, heading=name)
     return replace(block, heading=f"{name}: {block.heading}") if isinstance(block, Figure) else block
@@ -85,8 +85,8 @@ def _tabulate_stages(result: ModeStages) -> Table:
         ),
         tuple(rows),
         title=f"Changes since {result.stages[0]}",
-        legend="A mode has its number at the first stage, and there is that at the other one; without it no mode is "
-        "like it.",
+        legend="Modes have the numbers of the first stage; in column there is the number of the like mode at the other "
+        "stage, if it has one.",
     )
 
 
