@@ -33,9 +33,15 @@ class Reader:
             fold.click()
         self.boxes = self.page.locator("[data-chart]")
         for k in range(self.boxes.count()):
-            self.boxes.nth(k).scroll_into_view_if_needed()
+            # A chart above that is drawn late may move this one out of the window again, so that it is never drawn.
+            self.page.wait_for_function(
+                """k => { const box = document.querySelectorAll('[data-chart]')[k];
+                     box.scrollIntoView({ block: 'center' });
+                     return box.dataset.drawn; }""",
+                arg=k,
+                timeout=60_000,
+            )
             self.boxes.nth(k).locator(".plot").wait_for()
-            self.page.wait_for_function("k => document.querySelectorAll('[data-chart]')[k].dataset.drawn", arg=k)
 
     def ranges(self, name, axis="xaxis"):
         return self.page.evaluate(
