@@ -197,6 +197,11 @@ def test_what_needs_more_than_steady_cycles_is_refused():
         UncertainTerm("lugre_friction", (1.0, 1e-3, 1.4, 0.05, 1e-3), (Prior(), None, None, None, None))
     with pytest.raises(InputError, match="no end of its stiffness while nothing slides: give values below 1"):
         UncertainTerm("iwan_friction", (1.0, 1e-3, 0.5, 0.6), (Prior(), None, Prior("lognormal", 1.0, 0.3), None))
+    with pytest.raises(
+        InputError, match="amplitude_n of 'dahl_friction' is positive, and its prior allows values below 0"
+    ):
+        # A negative slip force would feed energy in.
+        UncertainTerm("dahl_friction", (1.0, 1e-3), (Prior("normal", 1.0, 0.5), None))
     with pytest.raises(InputError, match="has a joint with memory and interaction is 'keep', take 'omit'"):
         study(measure(0), classes=CLASSES, interaction="keep", met_damping=0.002)
     response = PredictionSettings(responses=(ResponseSettings(mode=1, drive=DRIVE, force_n=(0.1,)),))

@@ -16,7 +16,7 @@ from scipy import special, stats
 
 from opid.errors import InputError, list_names, nearest
 from opid.mechanics.backbones.harmonic_balance import TRIED_M, TRIED_M_PER_S, depends_on_rate
-from opid.mechanics.laws.kinds import LAWS, Parameter
+from opid.mechanics.laws.kinds import LAWS, Kind, Parameter
 from opid.mechanics.laws.law import Law, Term
 from opid.signals.recording import FloatArray
 
@@ -156,9 +156,9 @@ class UncertainTerm:
         for parameter, scale, prior in zip(kind.parameters, self.scales, self.priors, strict=True):
             if not (np.isfinite(scale) and scale):
                 raise InputError(f"{parameter.name} of {self.kind!r} has the scale {scale}: give a number other than 0")
-            if parameter.role in ("scale", "exponent") and scale < 0.0:
+            if _is_positive(kind, parameter) and scale < 0.0:
                 raise InputError(f"{parameter.name} of {self.kind!r} has the scale {scale}: give a positive one")
-            if parameter.role in ("scale", "exponent") and prior is not None and prior.support[0] < 0.0:
+            if _is_positive(kind, parameter) and prior is not None and prior.support[0] < 0.0:
                 raise InputError(
                     f"{parameter.name} of {self.kind!r} is positive, and its prior allows values below 0: give a "
                     "uniform one from 0 up, or a lognormal one"
@@ -209,6 +209,11 @@ class UncertainTerm:
         return not self.joints or joint in self.joints
 
 
+def _is_positive(kind: Kind, parameter: Parameter) -> bool:
+    """Return whether a parameter has no negative values: a scale, an exponent, and the force of a joint that slips."""
+    return parameter.role in ("scale", "exponent") or kind.memory is not None
+
+
 def depends_on_travel(term: Term) -> bool:
     """Return whether the force of a term differs between extensions at one rate."""
     tried = (term.evaluate(TRIED_M, np.full(TRIED_M.size, rate))[0] for rate in TRIED_M_PER_S)
@@ -250,7 +255,7 @@ class ClassParameter:
     @property
     def limits(self) -> tuple[float, float]:
         """The ends between which theta may be."""
-        is_positive = self.own.role in ("scale", "exponent")
+        is_positive = _is_positive(LAWS[self.term.kind], self.own)
         return 0.0 if is_positive else -np.inf, self.own.stiff_below / self.scale if is_positive else np.inf
 
     @property
