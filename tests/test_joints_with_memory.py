@@ -11,6 +11,7 @@ from opid.errors import InputError
 from opid.mechanics.backbones.dissipation import PlacedTerm, find_loss
 from opid.mechanics.backbones.family import backbone, family_evaluator
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.backbones.specimen import Specimen
 from opid.mechanics.laws.kinds import LAWS
 from opid.mechanics.laws.law import Law, Term
 from opid.mechanics.memory import force_along, force_at_turns, loop_area, sine_like
@@ -202,6 +203,8 @@ def test_what_needs_more_than_steady_cycles_is_refused():
     ):
         # A negative slip force would feed energy in.
         UncertainTerm("dahl_friction", (1.0, 1e-3), (Prior("normal", 1.0, 0.5), None))
+    with pytest.raises(InputError, match="a joint has dahl_friction, which has a memory: give springs and dampers"):
+        Specimen(one_mass(), Law((Term("dahl_friction", DAHL),)), RATIO, "mass")
     with pytest.raises(InputError, match="has a joint with memory and interaction is 'keep', take 'omit'"):
         study(measure(0), classes=CLASSES, interaction="keep", met_damping=0.002)
     response = PredictionSettings(responses=(ResponseSettings(mode=1, drive=DRIVE, force_n=(0.1,)),))

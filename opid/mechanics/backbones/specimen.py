@@ -33,8 +33,8 @@ class Specimen:
             its stinger. Its amplifier is taken as linear.
 
     Raises:
-        InputError: counts that do not match, damping that is not positive, an unknown sensor, or a shaker that
-            distorts.
+        InputError: counts that do not match, damping that is not positive, an unknown sensor, a law with memory, or a
+            shaker that distorts.
     """
 
     system: JointedModes
@@ -51,7 +51,9 @@ class Specimen:
                 f"damping_ratio is {self.damping_ratio!r}: give one number between 0 and 1, or {n_modes}, one for each "
                 "mode"
             )
-        laws_of_joints(self.laws, self.system)
+        for term in (term for law in laws_of_joints(self.laws, self.system) for term in law.terms):
+            if term.kind.memory is not None:
+                raise InputError(f"a joint has {term.name}, which has a memory: give springs and dampers")
         self.system.sensor(self.drive)
         if self.shaker is not None and self.shaker.second_harmonic:
             raise InputError("the shaker distorts: the feedback takes it as linear, set its second_harmonic to 0")
