@@ -16,6 +16,7 @@ from made_resonance import (
     requires_truth_inside,
     with_amplitudes_in_g,
     with_phases_turned,
+    with_samples,
     with_shapes_scaled,
     with_softer_curves,
 )
@@ -228,6 +229,19 @@ def test_levels_predict_the_curves_and_both_together_give_the_law():
         assert each.is_prediction
         assert each.error < 0.04
     assert {row.name for row in result.summary()} >= {"k3", "records.k3", "curves.k3"}
+
+
+def test_a_curve_beyond_the_levels_of_its_law_is_told():
+    study = held_study(n_curves=4)
+    whole = identify_resonance(study)
+    last = whole.level_start_s[len(whole.states) // 2]
+    lower = with_samples(study, lambda samples, record: samples[: round(last * record.fs)])
+    reached = identify_resonance(lower).records_law.amplitude.max()
+    for result, most in ((whole, whole.records_law.amplitude.max()), (identify_resonance(lower), reached)):
+        beyond = {fit.curve.name for fit in result.curve_fits if fit.resonance.amplitude > 1.1 * most}
+        told = [text for text in result.warnings if "the curve by this law is an extrapolation" in text]
+        assert {text.split("'")[1] for text in told} == beyond
+        assert bool(beyond) == (result is not whole)
 
 
 def test_amplitudes_in_another_unit_withhold_the_law():

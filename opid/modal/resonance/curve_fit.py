@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -254,6 +254,20 @@ def make_curve(
     is_near = min(abs(each.phase_error_deg) for each in states) < settings.near_deg
     response = driven.find_response(law.candidates[0], most, driven.measured)
     return CurveFit(curve, response, is_prediction, resonance if is_near else None)
+
+
+def warn_of_extrapolation(
+    law: ResonanceLaw, curves: Sequence[ResponseCurve], *, modes: LinearModes, mode: int, drive_point: str
+) -> Iterator[str]:
+    """Warn of response curves that move a mode beyond the levels that its law was fitted to."""
+    for curve in curves:
+        reached = DrivenCurve.of(curve, modes, mode, drive_point).measured.max()
+        times = float(reached / law.amplitude.max())
+        if times > MODAL.extrapolated:
+            yield (
+                f"response curve {curve.name!r} moves mode {mode} {times:.2g} times as far as the levels that its law "
+                "was fitted to: the curve by this law is an extrapolation there; hold a level of this motion"
+            )
 
 
 def scale_shapes(

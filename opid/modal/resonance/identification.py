@@ -21,6 +21,7 @@ from opid.modal.resonance.curve_fit import (
     fit_curves,
     make_curve,
     scale_shapes,
+    warn_of_extrapolation,
 )
 from opid.modal.resonance.curves import ResponseCurve, find_curve_mode
 from opid.modal.resonance.held_out import HeldOut, choose_held_out, predict_held_out
@@ -306,6 +307,8 @@ def _read_curves(
         say("the curve that is held out")
         held_out = predict_held_out(left, seen, law, **place, **orders, settings=chosen)
         warnings += [*_warn_of_held_out(held_out, chosen)]
+    if records_law is not None:
+        warnings += [*warn_of_extrapolation(records_law, seen, **place)]
     return _Curves(of_curves, joint_law, fits, held_out, (*_warn_of_curves(of_curves, chosen), *warnings))
 
 

@@ -454,6 +454,9 @@ def _make_law(
     freedom = max(equations.n_rows - best.value.size + 1, 1)
     ratio = float(np.sqrt(best.misfit / freedom))
     weights = np.exp(-0.5 * np.array([fit.score - best.score for fit in fits]))
+    # Powers that hardly explain the motions may have lost all stiffness, where a damping ratio has no end.
+    counts = weights >= settings.least_weight * weights.sum()
+    fits, weights = [fit for fit, is_kept in zip(fits, counts, strict=True) if is_kept], weights[counts]
     a = np.linspace(float(amplitude.min()), float(amplitude.max()), settings.n_curve)
     curves = np.array([_find_curve(fit, a) for fit in fits])
     covariance = _find_covariance(best, equations, ratio)
@@ -493,7 +496,7 @@ def _make_law(
         force_phase_deg=Estimate.normal(*np.degrees([best.value[-1], np.sqrt(covariance[-1, -1])])),
         misfit=ratio,
         n_states=amplitude.size,
-        candidates=tuple(_list_candidates(fits, equations, weights / weights.sum(), ratio, settings)),
+        candidates=tuple(_list_candidates(fits, equations, weights / weights.sum(), ratio)),
     )
 
 
@@ -505,12 +508,10 @@ def _find_covariance(fit: _Fit, equations: Equations, ratio: float) -> FloatArra
 
 
 def _list_candidates(
-    fits: Sequence[_Fit], equations: Equations, weights: FloatArray, ratio: float, settings: ResonanceSettings
+    fits: Sequence[_Fit], equations: Equations, weights: FloatArray, ratio: float
 ) -> Iterator[LawCandidate]:
-    """Yield the choices of powers whose weight counts."""
+    """Yield the choices of powers, each with its weight."""
     for fit, weight in zip(fits, weights.tolist(), strict=True):
-        if weight < settings.least_weight:
-            continue
         scales = np.append(fit.scales, 1.0)
         covariance = _find_covariance(fit, equations, ratio)
         k, c = fit.estimates()

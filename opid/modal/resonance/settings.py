@@ -54,7 +54,7 @@ class ResonanceSettings:
         near_unit: difference of a modal mass from that of a mistaken unit, as a fraction, up to which the unit is
             named: what other modes add to the sensor is subtracted in the wrong unit, too.
         n_curve: amplitudes at which frequency and damping by the law are given.
-        least_weight: weight of a choice of powers among all, from which it counts in predictions.
+        least_weight: weight of a choice of powers among all, from which it counts.
         n_draws: laws that are drawn for the band of a prediction: its ends are known to a tenth of its width.
         near_deg: phase error up to which the points of a curve show its resonance: there their amplitudes differ by an
             eighth at most, so that frequency over the square of the amplitude is a line.
