@@ -65,8 +65,13 @@ def try_forms(
     rest = np.zeros(linear.size * len(others))
     for terms, starts in own_terms:
         form = SystemForm({system.numbers[0]: terms} | others, products)
-        whole = [np.concatenate([start, rest, guesses]) for start in starts]
-        start = min(whole, key=lambda each: find_misfit(system, form, each))
+        # Products that each explain the quietest test are too much together: the motion may have no bound with them.
+        for first in (guesses, np.zeros_like(guesses)):
+            whole = [np.concatenate([start, rest, first]) for start in starts]
+            misfits = [find_misfit(system, form, each) for each in whole]
+            start = whole[int(np.argmin(misfits))]
+            if min(misfits) < np.inf:
+                break
         # Quieter tests tell nothing of a joint that slides at large motion.
         is_near = terms.has_friction or (terms.memory is not None and not terms.memory.is_slip)
         _try_form(system, form, start, trials, is_near=is_near)

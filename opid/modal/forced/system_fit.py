@@ -208,14 +208,19 @@ def _choose_law(
 
 
 def _refine_trial(system: System, finer: System, trial: Trial) -> list[FittedForm]:
-    """Return the likely ends of the search of a form, the likeliest first, fitted to convergence with finer steps."""
+    """Return the likely ends of the search of a form, the likeliest first, fitted to convergence with finer steps.
+
+    Ends far from convergence get there with the longer steps, from where the finer ones are near.
+    """
     ends = [trial.found]
     if trial.found.form.joint:
         # The form was found with one sign of its joint; the mirrored one may explain the tests as well, or better.
         with suppress(InputError):
             ends.append(fit_form(system, trial.found.form, mirror(trial.found), is_near=True))
-    ends = sorted((refine_form(finer, each) for each in ends), key=lambda each: each.score)
-    return [each for each in ends if each.score <= ends[0].score + MODAL.rival_score]
+    for steps in (system, finer):
+        ends = sorted((refine_form(steps, each) for each in ends), key=lambda each: each.score)
+        ends = [each for each in ends if each.score <= ends[0].score + MODAL.rival_score]
+    return ends
 
 
 def _tell_joint(made: SystemFit, choice: Choice) -> SystemFit:
