@@ -109,14 +109,13 @@ def predict_decay(
     from scipy.interpolate import CubicSpline
 
     fall = flow.log_amplitude[::-1]
-    since = CubicSpline(-fall, 1.0 / flow.rate[::-1]).antiderivative()(-fall)
-    turned = CubicSpline(-fall, flow.omega[::-1] / flow.rate[::-1]).antiderivative()(-fall)
+    slopes = np.stack([np.ones_like(fall), flow.omega[::-1]], axis=1) / flow.rate[::-1, None]
+    since, turned = CubicSpline(-fall, slopes).antiderivative()(-fall).T
     own_time = since - np.interp(-log_start, -fall, since)
     if (np.diff(own_time) <= 0.0).any() or not own_time[0] <= time[0] <= time[-1] <= own_time[-1]:
         return None
     # Times and amplitudes map smoothly onto each other, so amplitude and phase are functions of time.
-    log_amplitude = CubicSpline(own_time, fall)(time)
-    by_time = CubicSpline(own_time, turned)(time)
+    log_amplitude, by_time = CubicSpline(own_time, np.stack([fall, turned], axis=1))(time).T
     omega, rate = (np.interp(log_amplitude, flow.log_amplitude, each) for each in (flow.omega, flow.rate))
     # Each derivative of A e^(j phi) multiplies it by -delta + j omega; for the second one these change as well.
     gain = (omega + 1j * rate) ** derivative
