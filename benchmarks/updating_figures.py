@@ -28,6 +28,7 @@ from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter, process_time
+from typing import Any
 
 # before numpy is loaded, here and in every process that this one starts
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -48,7 +49,8 @@ from opid.mechanics.laws.law import Law, Term
 from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
 from opid.updating.likelihood.curves import likelihood_function
-from opid.updating.likelihood.noise import NoiseSettings
+from opid.updating.likelihood.error_growth import growth_of_linear_error
+from opid.updating.likelihood.noise import UNMENDED_GROWTH, NoiseSettings
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior, StiffnessFactor, UncertainTerm
 from opid.updating.posterior import update_class
@@ -116,8 +118,22 @@ def backbones(seed: int, errors: str, linear: str = "mode") -> tuple[MeasuredBac
     return synthetic_backbones(true, TRUTH, (THETA,), rng=rng, linear_error=share, **ERRORS[errors])
 
 
-def prepared(measured: tuple[MeasuredBackbone, ...], form: str) -> BackboneData:
-    return backbone_data(system(), measured, form=form, harmonics=HARMONICS[form])  # type: ignore[arg-type]
+def prepared(measured: tuple[MeasuredBackbone, ...], form: str, **settings: Any) -> BackboneData:
+    return backbone_data(system(), measured, form=form, harmonics=HARMONICS[form], **settings)  # type: ignore[arg-type]
+
+
+def growth_of_parts(measured: tuple[MeasuredBackbone, ...]) -> dict[int, float]:
+    """The growth of the linear error of each mode as a study of phase II alone has it (`opid.updating`)."""
+    structure = wing_engine_structure()
+    found = growth_of_linear_error(
+        structure,
+        dict(zip(structure.parts, FACTORS, strict=True)),
+        measured,
+        covariance=None,
+        linear_error=NoiseSettings().linear_error,
+        n_modes=UpdatingStudy.n_internal,
+    )
+    return {mode: float(np.hypot(value, UNMENDED_GROWTH)) for mode, value in found.items()}
 
 
 def classes(seed: int, form: str, errors: str) -> Figures:
@@ -143,7 +159,8 @@ def grid_posterior(data: BackboneData) -> tuple[np.ndarray, np.ndarray]:
 
 
 def coverage(seed: int, form: str, errors: str, linear: str) -> Figures:
-    data = prepared(backbones(seed, errors, linear), form)
+    measured = backbones(seed, errors, linear)
+    data = prepared(measured, form, growth=growth_of_parts(measured) if form == "recommended" else None)
     theta, share = grid_posterior(data)
     mean = float(share @ theta)
     level = float(np.interp(THETA, theta, np.cumsum(share) - share / 2))

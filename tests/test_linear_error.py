@@ -17,7 +17,9 @@ STD = np.array([0.01, 0.02])
 
 def growth(covariance, *, curves=None, linear_error=0.004):
     curves = curves or made.backbones(3, linear_error=0.0, offset_fraction=0.0, point_noise=0.0)
-    return growth_of_linear_error(made.structure(), FACTORS, covariance, curves, linear_error=linear_error, n_modes=0)
+    return growth_of_linear_error(
+        made.structure(), FACTORS, curves, covariance=covariance, linear_error=linear_error, n_modes=0
+    )
 
 
 def test_the_growth_is_that_of_backbones_of_structures_with_that_error():
@@ -48,6 +50,11 @@ def test_it_goes_with_the_standard_deviation_of_the_factors():
     assert set(once) == set(made.MODES)
 
 
+def test_without_phase_i_each_part_has_an_error_of_its_own_that_moves_a_frequency_as_stated():
+    assert growth(None) == pytest.approx(growth(np.diag([0.008**2] * 2)))
+    assert growth(None, linear_error=0.002) == pytest.approx(growth(None))
+
+
 def two_masses():
     wall, between = np.diag([4e3, 4e3]), 3e3 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     parts = {"wall": sparse.csr_matrix(wall), "between": sparse.csr_matrix(between)}
@@ -66,9 +73,9 @@ def test_an_error_that_no_amplitude_changes_does_not_grow_and_modes_without_join
     factors = dict.fromkeys(("wall", "between"), 1.0)
     settings = {"linear_error": 0.004, "n_modes": 0}
     # by symmetry the shape of the mode is the same whatever the stiffness, and at any amplitude
-    found = growth_of_linear_error(two_masses(), factors, np.diag(STD**2), curves, **settings)
+    found = growth_of_linear_error(two_masses(), factors, curves, covariance=np.diag(STD**2), **settings)
     assert found == {2: pytest.approx(0.0, abs=1e-6)}
     flat = replace(curves[1], frequency_hz=np.full(8, curves[1].frequency_hz[0]))
-    assert growth_of_linear_error(two_masses(), factors, np.diag(STD**2), [flat], **settings) == {}
+    assert growth_of_linear_error(two_masses(), factors, [flat], covariance=np.diag(STD**2), **settings) == {}
     softer = replace(curves[1], frequency_hz=curves[1].frequency_hz[::-1])
-    assert set(growth_of_linear_error(two_masses(), factors, np.diag(STD**2), [softer], **settings)) == {2}
+    assert set(growth_of_linear_error(two_masses(), factors, [softer], covariance=np.diag(STD**2), **settings)) == {2}

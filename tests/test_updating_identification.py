@@ -162,6 +162,16 @@ def test_a_growth_of_the_linear_error_that_is_given_is_kept_else_it_follows_from
     np.testing.assert_allclose(second, 4 * first)
 
 
+def test_without_phase_i_the_growth_of_the_linear_error_is_that_of_errors_of_the_parts():
+    alone = update_study(study(structure=made.structure(), parameters={}, n_internal=0, classes=(made.CUBIC,)))
+    told = alone.settings["noise"]["linear_error_growth"]
+    assert len(told) == len(made.MODES)
+    assert all(UNMENDED_GROWTH < value != LINEAR_ERROR_GROWTH for value in told.values())
+    # A structure that is only known by its modes has no parts.
+    modes = update_study(study(structure=made.system(), parameters={}, classes=(made.CUBIC,)))
+    assert set(modes.settings["noise"]["linear_error_growth"].values()) == {LINEAR_ERROR_GROWTH}
+
+
 def test_a_class_without_backbones_is_left_out_with_a_reason(monkeypatch):
     real = posterior.likelihood_function
 

@@ -185,19 +185,22 @@ def _choose_linear_errors(study: UpdatingStudy) -> LinearErrors:
 
 
 def _find_growth(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[int, float]:
-    """Return the growth of the linear error along the backbones of each mode: as stated, or estimated by phase I."""
+    """Return the growth of the linear error along the backbones of each mode: as stated, or by errors of the parts.
+
+    After phase I these are the errors that it leaves.
+    """
     noise = study.noise
     growth = dict.fromkeys(by_mode(study.backbones), noise.growth_of_linear_error)
     stated = noise.linear_error_growth is not None
     if study.is_joint and not stated:
         return dict.fromkeys(growth, UNMENDED_GROWTH)  # The errors of the factors are parameters of the classes.
-    if linear is None or stated or study.form != "recommended" or isinstance(study.structure, JointedModes):
+    if stated or study.form != "recommended" or isinstance(study.structure, JointedModes) or not study.structure.parts:
         return growth
     left = growth_of_linear_error(
         study.structure,
-        linear.factors,
-        linear.covariance,
+        linear.factors if linear else dict.fromkeys(study.structure.parts, 1.0),
         study.backbones,
+        covariance=linear.covariance if linear else None,
         linear_error=noise.linear_error,
         n_modes=study.n_kept,
     )
@@ -205,21 +208,18 @@ def _find_growth(study: UpdatingStudy, linear: LinearPosterior | None) -> dict[i
 
 
 def _prepare(study: UpdatingStudy, system: JointedModes, growth: Mapping[int, float]) -> BackboneData:
-    of_modes = [
-        backbone_data(
-            system,
-            curves,
-            form=study.form,
-            harmonics=study.harmonics,
-            noise=replace(study.noise, linear_error_growth=growth[mode]),
-            slips=any(each.slips for each in study.classes),
-        )
-        for mode, curves in by_mode(study.backbones).items()
-    ]
-    modes = tuple(mode for each in of_modes for mode in each.modes)
+    data = backbone_data(
+        system,
+        study.backbones,
+        form=study.form,
+        harmonics=study.harmonics,
+        noise=study.noise,
+        growth=growth,
+        slips=any(each.slips for each in study.classes),
+    )
     known = {mode: ratio for mode, ratio in study.damping.items() if not isinstance(ratio, Prior)}
-    force = force_data(modes, study.backbones, study.noise, known) if study.damping else None
-    return replace(of_modes[0], modes=modes, noise=study.noise, force=force, met_damping=study.met_damping)
+    force = force_data(data.modes, study.backbones, study.noise, known) if study.damping else None
+    return replace(data, force=force, met_damping=study.met_damping)
 
 
 def _update_classes(

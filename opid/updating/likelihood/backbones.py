@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -154,6 +154,7 @@ def backbone_data(
     form: Form = "recommended",
     harmonics: Sequence[int] = (1, 3),
     noise: NoiseSettings | None = None,
+    growth: Mapping[int, float] | None = None,
     slips: bool = False,
 ) -> BackboneData:
     """Return measured backbones grouped by mode, with everything that does not depend on the law.
@@ -166,6 +167,7 @@ def backbone_data(
             (eqs. 7 and 8); "recommended" has curves with offsets of their own (`opid.updating.likelihood.noise`).
         harmonics: harmonics of the model.
         noise: settings for the errors.
+        growth: `linear_error_growth` of some modes, by their number; that of `noise` for the others.
         slips: whether joints of a class slip: their curves bend where all sliders do, and need more amplitudes.
 
     Raises:
@@ -183,7 +185,8 @@ def backbone_data(
     modes = []
     for mode, curves in by_mode(measured).items():
         cov = (noise.cov or {}).get(mode) or coefficient_of_variation(curves)
-        modes.append(_make_mode_data(system, curves, noise, cov, form, N_NODES_OF_SLIP if slips else N_NODES))
+        own = replace(noise, linear_error_growth=(growth or {}).get(mode, noise.linear_error_growth))
+        modes.append(_make_mode_data(system, curves, own, cov, form, N_NODES_OF_SLIP if slips else N_NODES))
     for each in modes if form != "recommended" else ():
         if not each.cov > 0:
             raise InputError(scatter_fault(each.mode))

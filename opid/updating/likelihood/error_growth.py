@@ -29,15 +29,15 @@ STEP = 0.01  # fraction by which each factor is changed to find its effect on th
 LAW = "cubic_stiffness"
 
 
-# ---- errors of the stiffness factors, which phase I leaves ----------------------------------------
+# ---- errors of the stiffness factors ---------------------------------------------------------------
 
 
 def growth_of_linear_error(
     structure: AffineStructure,
     factors: Mapping[str, float],
-    covariance: FloatArray,
     backbones: Sequence[MeasuredBackbone],
     *,
+    covariance: FloatArray | None,
     linear_error: float,
     n_modes: int,
 ) -> dict[int, float]:
@@ -50,11 +50,13 @@ def growth_of_linear_error(
     (r^T C r)^1/2 over that of lambda(A) / lambda(0) - 1. Modes whose curves do not grow, do not move the joints or do
     not converge are left out.
 
-    `factors` are the updated factors of the stiffness parts, with their `covariance`. `linear_error` is the standard
-    deviation of the relative error of a linear frequency. `n_modes` internal modes are kept.
+    `factors` are the factors of the stiffness parts, with the `covariance` that phase I leaves. Without phase I it is
+    None, and each part may be wrong by itself, by as much as makes one frequency of it wrong by `linear_error`, the
+    standard deviation of the relative error of a linear frequency. `n_modes` internal modes are kept.
     """
     best = np.array(list(factors.values()))
-    relative = np.asarray(covariance) / np.outer(best, best)
+    alone = (2 * linear_error) ** 2 * np.eye(best.size)
+    relative = alone if covariance is None else np.asarray(covariance) / np.outer(best, best)
     base = reduce(structure, factors, n_modes=n_modes)
     moved = [
         reduce(structure, {**factors, name: value * (1 + STEP)}, n_modes=n_modes) for name, value in factors.items()
