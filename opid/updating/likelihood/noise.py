@@ -12,9 +12,9 @@ from opid.errors import InputError
 from opid.signals.recording import FloatArray
 
 LINEAR_ERROR_GROWTH = 0.3
-"""The growth of the linear error where it is not known. On the wing-engine structure 91 of 100 intervals then hold the
-coefficient if the linear error is one of the moduli; if it is one of the modal eigenvalues, nearly all do, for they are
-too wide."""
+"""The growth of the linear error of a structure that is known by its modes alone. On the wing-engine structure 91 of 100
+intervals then hold the coefficient if the linear error is one of the moduli; if it is one of the modal eigenvalues,
+nearly all do, for they are too wide."""
 
 UNMENDED_GROWTH = 0.22
 """The growth of an error that no stiffness factor can correct, beside the error that phase I leaves in the factors. An
@@ -40,8 +40,9 @@ class NoiseSettings:
         linear_error: standard deviation of the relative error of a linear frequency of the model.
         linear_error_growth: growth of that error of lambda while the nonlinearity doubles lambda, relative to the error
             itself: 0 for an error of the modal eigenvalue, 0.5 and 0.1 for errors of the moduli in the two modes of
-            the wing-engine structure. Where None, a study that updates the linear structure computes it for each mode
-            from the errors that phase I leaves (`opid.updating.linear_updating`) and 0.22 for others; elsewhere 0.3.
+            the wing-engine structure. Where None, a structure of parts tells it for each mode, by the errors of their
+            stiffness that phase I leaves (`opid.updating.linear_updating`) or, without phase I, by an error of each
+            part, and 0.22 for others; elsewhere 0.3.
         point_noise: expected relative error of a measured frequency; the actual error is inferred, and this value
             counts as much as one point.
         curve_offset: expected relative offset of the frequencies of a curve (imperfect quadrature); the actual offset
