@@ -3,6 +3,7 @@ from dataclasses import replace
 import made_backbones as made
 import numpy as np
 import pytest
+from scipy import stats
 
 from opid.errors import InputError, NotDeterminedError
 from opid.updating import posterior
@@ -12,6 +13,19 @@ from opid.updating.model_class import Prior
 from opid.updating.posterior import density_of, update_class
 from opid.updating.sampling.evidence import Evidence, maximum_a_posteriori
 from opid.updating.warnings import warn_of_choice, warn_of_classes
+
+
+@pytest.mark.parametrize(
+    ("prior", "known"),
+    [
+        (Prior("uniform", -1.0, 5.0), stats.uniform(-1.0, 6.0)),
+        (Prior("normal", 1.0, 2.0), stats.norm(1.0, 2.0)),
+        (Prior("lognormal", 2.0, 0.5), stats.lognorm(0.5, 0.0, 2.0)),
+    ],
+)
+def test_the_density_of_a_prior_is_that_of_its_distribution(prior, known):
+    values = np.array([-3.0, -1.0, 0.0, 1e-9, 0.3, 1.0, 5.0, 11.0, np.inf, -np.inf])
+    np.testing.assert_allclose(prior.log_density(values), known.logpdf(values), rtol=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from opid.errors import InputError
 from opid.signals.recording import FloatArray
 
 LINEAR_ERROR_GROWTH = 0.3
-"""The growth of the linear error of a structure that is known by its modes alone. On the wing-engine structure 91 of 100
-intervals then hold the coefficient if the linear error is one of the moduli; if it is one of the modal eigenvalues,
+"""The growth of the linear error of a structure that is known by its modes alone. On the wing-engine structure 91 of
+100 intervals then hold the coefficient if the linear error is one of the moduli; if it is one of the modal eigenvalues,
 nearly all do, for they are too wide."""
 
 UNMENDED_GROWTH = 0.22
@@ -381,6 +381,6 @@ def _weigh_ratios(noise: CurveNoise, model: FloatArray) -> tuple[FloatArray, Flo
     variance = sigma2[:, :, None] / noise.precision + noise.common_variance
     prior = (square / variance + np.log(variance)).sum(axis=2)
     # The half normal prior of rho sigma, at the best sigma, has twice the expected offset as its scale.
-    own = np.sqrt(sigma2) * RATIOS / (2 * noise.offset)
-    weight = np.log(own) - 0.5 * own**2 + 0.5 * np.log(2 / np.pi)
-    return noise.constant + weight - shape * np.log(rate) - 0.5 * prior, common, rate
+    scaled = RATIOS / (2 * noise.offset)
+    constant = noise.constant + np.log(scaled) + 0.5 * np.log(2 / np.pi) - shape * np.log(shape)
+    return constant + (0.5 - shape) * np.log(sigma2) - 0.5 * (sigma2 * scaled**2 + prior), common, rate
