@@ -32,8 +32,11 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.studies.study_file import read_study
 from opid.studies.updating_study import tabulate_class
 from opid.updating.identification import update_study
+from opid.updating.likelihood.backbones import backbone_data
+from opid.updating.likelihood.curves import likelihood_function, slopes_function
+from opid.updating.likelihood.force import force_data
 from opid.updating.measured import MeasuredBackbone, read_backbone, write_backbone
-from opid.updating.model_class import ModelClass, Prior
+from opid.updating.model_class import DampingRatio, ModelClass, Prior
 
 
 @pytest.mark.parametrize("dampers", [(), BOTH[:1], BOTH[1:], BOTH, FRICTION])
@@ -233,6 +236,31 @@ def test_a_force_that_cannot_be_is_refused(changes, words):
         replace(curve_of(1), **changes)
 
 
+def test_slopes_of_the_likelihood_with_a_force_are_its_derivatives():
+    given = study(measured(BOTH, 0))
+    (model_class,) = (each for each in given.classes if each.name == "both")
+    model_class = replace(model_class, ratios=(DampingRatio(1, Prior()), DampingRatio(2, Prior())))
+    data = backbone_data(given.structure, given.backbones, harmonics=given.harmonics)
+    data = replace(data, force=force_data(data.modes, given.backbones, given.noise, {}))
+    theta = np.array([[1.02, 0.9, 1.1, 0.0019, 0.0023], [0.97, 1.2, 0.8, 0.0022, 0.0018]])
+    value, slopes = slopes_function(data, model_class)(theta)
+    density = likelihood_function(data, model_class)
+    np.testing.assert_allclose(value, density(theta)[0], rtol=1e-12)
+    for column, size in enumerate((1.0, 1.0, 1.0, 2e-3, 2e-3)):
+        step = 1e-5 * size * np.eye(5)[column]
+        by_difference = (density(theta + step)[0] - density(theta - step)[0]) / (2e-5 * size)
+        np.testing.assert_allclose(slopes[:, column], by_difference, rtol=1e-3, atol=1e-3 * np.abs(slopes).max())
+
+
+def test_the_no_u_turn_sampler_finds_a_damper_by_the_force():
+    pytest.importorskip("nutpie")
+    given = study(measured(BOTH[1:], 0), damping=dict.fromkeys((1, 2), RATIO), sampler="nuts", n_samples=1000)
+    (own,) = (each for each in given.classes if each.name == "quadratic")
+    found = update_study(replace(given, classes=(own,))).classes[0]
+    assert found.diagnostics.effective_samples > 300
+    assert [each.holds(1.0) for each in found.estimates.values()] == [True, True]
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -241,7 +269,6 @@ def test_a_force_that_cannot_be_is_refused(changes, words):
         ({"damping": {1: 0.01, 2: 0.01, 3: 0.01}}, "damping ratio of mode 3 is named, and a force is known of"),
         ({"damping": {1: 0.01, 2: -0.01}}, "give a number between 0 and 1"),
         ({"damping": {1: 0.01, 2: Prior("normal", -0.01, 0.002)}}, "give a number between 0 and 1"),
-        ({"sampler": "nuts"}, "the sampler is 'nuts', which has no slopes of the force"),
         ({"form": "paper"}, "take the recommended form"),
     ],
 )

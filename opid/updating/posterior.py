@@ -244,7 +244,7 @@ def _approach(data: BackboneData, model_class: ModelClass, starts: FloatArray, v
     """Return where the slopes lead from the best of some starts, (n, n_parameters), without the force of the tests."""
     from scipy.optimize import minimize
 
-    find_slopes = _density_of_scores(data, model_class)
+    find_slopes = _density_of_scores(replace(data, force=None), model_class)
 
     def fall(score: FloatArray) -> tuple[float, FloatArray]:
         value, slopes = find_slopes(score[np.newaxis])
@@ -336,10 +336,7 @@ def _place_scores(model_class: ModelClass, score: FloatArray) -> tuple[FloatArra
 
 
 def _density_of_scores(data: BackboneData, model_class: ModelClass) -> LikelihoodSlopes:
-    """Return scores (n, d) -> their log density (n,) and its slopes (n, d), where the prior is a standard normal one.
-
-    The force of the backbones has no slopes and is left out.
-    """
+    """Return scores (n, d) -> their log density (n,) and its slopes (n, d); the prior of scores is standard normal."""
     slopes_of = slopes_function(data, model_class)
 
     def find_slopes(score: FloatArray) -> tuple[FloatArray, FloatArray]:

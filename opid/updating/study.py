@@ -249,8 +249,6 @@ def _find_damping_faults(study: UpdatingStudy) -> Iterator[str]:
         return
     if study.form != "recommended":
         yield f"damping ratios are named in the form {study.form!r}, take the recommended form"
-    if study.sampler == "nuts":
-        yield "damping ratios are named and the sampler is 'nuts', which has no slopes of the force, take 'adaptive'"
     if not driven:
         yield "damping ratios are named and no backbone has a force, name the drive point of those that have one"
     used = {*driven, *(one.mode for one in study.prediction.responses)}

@@ -35,6 +35,8 @@ from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
 
 MOST_NAMED = 4  # largest number of points that a sentence names
+LOSS_STEP = 1e-4  # relative step of the differences of losses: its square and what the solver leaves are far below 1e-4
+LEAST_THETA = 1e-2  # theta below which that step shrinks no more: scales make theta about 1
 
 BoolArray = NDArray[np.bool_]
 
@@ -84,8 +86,8 @@ def likelihood_function(data: BackboneData, model_class: ModelClass) -> Likeliho
 def slopes_function(data: BackboneData, model_class: ModelClass) -> LikelihoodSlopes:
     """Return theta (n, d) -> log p(D | theta), (n,), as `likelihood_function` does, and its derivatives, (n, d).
 
-    The derivatives follow by the chain rule from those of the backbones, by implicit differentiation, and those of the
-    noise model of the recommended form; the others have none.
+    The derivatives follow by the chain rule from those of the backbones, by implicit differentiation, those of the
+    force, by differences, and those of the noise model of the recommended form; the others have none.
 
     Args:
         data: the backbones, from `backbone_data`, in the recommended form.
@@ -95,7 +97,10 @@ def slopes_function(data: BackboneData, model_class: ModelClass) -> LikelihoodSl
 
     def slopes(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         total, gradient, impossible = np.zeros(len(theta)), np.zeros(theta.shape), np.zeros(len(theta), dtype=bool)
+        losses = []
         for mode, curves in models:
+            if data.force is not None:
+                losses.append(curves.find_loss_slopes(theta))
             (eigenvalue, shapes, _, lost), by_value, by_shape = curves.find_slopes(theta)
             assert mode.frequency_noise is not None  # The recommended form has noise models.
             value, of_nodes = log_marginal_slopes(mode.frequency_noise, eigenvalue[..., None] / mode.linear)
@@ -107,6 +112,12 @@ def slopes_function(data: BackboneData, model_class: ModelClass) -> LikelihoodSl
                     total += value
                     gradient += np.einsum("nks,nksd->nd", of_nodes, _take_slopes(each, shapes, by_shape))
             impossible |= lost
+        if data.force is not None:
+            lost_energy, by_theta = (np.concatenate(each, axis=1) for each in zip(*losses, strict=True))
+            impossible |= np.isnan(lost_energy).any(axis=1)
+            value, of_nodes = log_marginal_slopes(data.force.noise, np.nan_to_num(lost_energy)[..., None])
+            total += value
+            gradient += np.einsum("nk,nkd->nd", of_nodes[..., 0], by_theta)
         impossible |= ~np.isfinite(gradient).all(axis=1)
         return np.where(impossible, -np.inf, total), np.where(impossible[:, None], 0.0, gradient)
 
@@ -225,6 +236,26 @@ class ModeCurves:
                 values[row] = np.nan if bridged is None else bridged[:, 0]
             parts.append(values)
         return np.concatenate(parts, axis=1)
+
+    def find_loss_slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the logarithms of `find_losses`, (n, n_nodes), and their derivatives by theta, (n, n_nodes, d).
+
+        These are central differences. Dampers and damping ratios leave the backbones as they are, which are solved anew
+        only for springs and factors of the stiffness.
+        """
+        model_class, (n, d) = self.solvers[0].model_class, theta.shape
+        steps = LOSS_STEP * np.maximum(np.abs(theta), LEAST_THETA)
+        # All rows are solved in one call: those of theta, then up and down by the step of each parameter.
+        moved = theta + np.concatenate([np.zeros((1, 1, d)), *np.eye(d)[:, None, None] * [[[1.0]], [[-1.0]]]]) * steps
+        idle = np.zeros(d, dtype=bool)
+        idle[model_class.n_spring_parameters : model_class.n_parameters - len(model_class.factors)] = True
+        solved = np.append(True, np.repeat(~idle, 2))
+        place = np.where(solved, np.cumsum(solved) - 1, 0)
+        rows = np.concatenate([at * n + np.arange(n) for at in place])
+        found = [take_samples(each, rows) for each in self.solve(moved[solved].reshape(-1, d))]
+        losses = self.find_losses(moved.reshape(-1, d), found).reshape(1 + 2 * d, n, -1)
+        slopes = (losses[1::2] - losses[2::2]) / (2.0 * steps.T[..., np.newaxis])
+        return losses[0], np.moveaxis(slopes, 0, -1)
 
     def find_slopes(self, theta: FloatArray) -> tuple[Curves, FloatArray, FloatArray]:
         """Return the curves, and their derivatives (n, n_nodes, d) and (n, n_nodes, n_sensors, d) by theta."""
