@@ -411,7 +411,7 @@ def _filter_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
     decays = []
     for log, test in zip(logs, tests, strict=True):
         say(f"the decay in {log.name}")
-        found = decay_of(test, mode, **options, **limits, friction=None)
+        found = decay_of(test, mode, **options, **limits)
         warnings = tuple(_name_options(text, settings) for text in found.warnings)
         own = {"log": str(log), **settings, "mode": mode}
         name = _name_source(settings, mode)

@@ -377,8 +377,7 @@ def _fit_decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[in
         mode = each.mode or find_largest_mode(each.test, study.nonlinear)
         say(f"free decay {each.test.name}")
         try:
-            memory = study.memory or False
-            decays.append(decay_of(each.test, mode, **_list_orders(study), memory=memory))
+            decays.append(decay_of(each.test, mode, **_list_orders(study), memory=study.memory))
         except NotDeterminedError as error:
             warnings.append((mode, f"free decay {each.test.name!r} of mode {mode}: {error}"))
     laws = {}

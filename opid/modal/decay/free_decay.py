@@ -171,12 +171,10 @@ def decay_of(
     damping_order: int | None = None,
     start_s: float | None = None,
     stop_s: float | None = None,
-    friction: bool | None = False,
-    memory: bool | str | None = False,
+    friction: bool | None = None,
+    memory: bool | str | None = None,
 ) -> Decay:
     """Return the free decay of one mode of a test, in modal coordinates, as `free_decay` does of a signal.
-
-    Its law has powers only where nothing else is asked for: these are what a nonlinear modal model is made of.
 
     Args:
         test: the test; the decay begins after the end of the forces that its recording holds, channels in N.
