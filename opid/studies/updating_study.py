@@ -171,7 +171,7 @@ class LawTable:
             change at each knot.
         scale: one for each parameter of the kinds, in SI units or with the unit in a text; one for all if it is alone.
         prior: one for each parameter, "known" for one that keeps its scale; one for all if it is alone, uniform from 0
-            to 10 where left out, and from -10 to 10 of the changes at knots.
+            to 10 where left out, and normal about 0 with the deviation 1 for the changes at knots.
         joints: names of the joints that have this law, with the same values; all where left out.
         knots: extensions at which the pieces of a spline meet, in m or with the unit in a text.
     """

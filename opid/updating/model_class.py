@@ -417,6 +417,11 @@ class ModelClass:
         return any(each.has_memory for each in self.terms)
 
     @property
+    def has_knots(self) -> bool:
+        """Whether a term begins at an extension that is known, as the pieces of a spline."""
+        return any(each.gap_m is not None for each in self.terms)
+
+    @property
     def dampers(self) -> tuple[UncertainTerm, ...]:
         """The terms that lose energy."""
         return tuple(each for each in self.terms if each.is_damper)
@@ -543,7 +548,8 @@ def spline_terms(
     Args:
         scales: one for k_0 and for each k_i, N/m^3; with the coefficient that is expected for all, theta is about 1.
         knots_m: knots s_i, m, positive and increasing, below the extensions that the tests reach.
-        priors: prior of k_0 and of each k_i over its scale; uniform from 0 to 10 and from -10 to 10 where left out.
+        priors: prior of k_0 and of each k_i over its scale. Where left out, uniform from 0 to 10 for k_0, and normal
+            about 0 with the deviation 1 for each k_i, so that knots more than needed cost little evidence.
         joints: names of the joints that have it; all where empty.
 
     Raises:
@@ -557,7 +563,7 @@ def spline_terms(
     if not (knots.size and np.isfinite(knots).all() and (np.diff(knots, prepend=0.0) > 0.0).all()):
         given = ", ".join(f"{1e3 * knot:g}" for knot in knots) or "none"
         raise InputError(f"the knots of a spline are {given} (mm): give at least one, positive and increasing")
-    priors = priors or (_FIRST, *(_SECOND,) * knots.size)
+    priors = priors or (Prior(), *(Prior("normal", 0.0, 1.0),) * knots.size)
     if len(scales) != n or len(priors) != n:
         raise InputError(
             f"a spline with {knots.size} knot(s) has {len(scales)} scale(s) and {len(priors)} prior(s): give {n}, for "
