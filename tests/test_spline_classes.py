@@ -12,6 +12,7 @@ from opid.errors import InputError
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.laws.law import Law, Term, TermSet
 from opid.report.updating import find_true_theta
+from opid.report.writing import text
 from opid.studies.updating_study import ClassTable, LawTable, tabulate_class
 from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm, spline_terms
@@ -148,6 +149,17 @@ def test_the_true_theta_of_a_term_is_that_of_a_term_which_begins_there():
         assert find_true_theta(posterior, replace(truth, laws=laws)) == theta
 
 
+def test_the_report_tells_where_each_piece_of_a_spline_begins():
+    own = ModelClass("class 4", spline_terms([CUBIC] * 3, [5e-4, 1e-3]))
+    of_two = updating.small_class(updating.CLASSES[2], 0.0)
+    estimates = {f"theta_{k}": of_two.estimates["theta_1"] for k in (1, 2, 3)}
+    samples = of_two.samples[:, [0, 0, 1]]
+    posterior = replace(of_two, model_class=own, estimates=estimates, samples=samples, best=samples[0])
+    told = text(updating.small_updating(classes=(posterior,), best_class="class 4"))
+    assert "k2 (|z| - s2)_+^3 sgn z + k3 (|z| - s3)_+^3 sgn z" in " ".join(told.split())
+    assert "late cubic from 0.5 mm" in told
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_spline_holds_a_law_of_which_no_power_is(seed):
     """Its band holds the true force, and widens where no test was."""
@@ -180,6 +192,14 @@ def test_a_spline_comes_behind_the_cubic_law_where_that_is_true(seed):
     low, high = find_force_band(spline, extension)
     true = POWERS[1].law("left", [0.6]).force(extension, 0.0)
     assert np.mean((low <= true) & (true <= high)) >= 0.8
+
+
+def test_a_law_with_a_corner_is_told_not_to_be_a_spline():
+    gap = ModelClass("gap", (UncertainTerm("dead_zone_stiffness", (STIFFNESS, 6e-4), (Prior(), None)),))
+    data = measure(gap, (1.0,), 0)
+    spline, found = (update_class(data, each, rng=np.random.default_rng(0), n_samples=3000) for each in (SPLINE, gap))
+    assert any("do not use its intervals" in each for each in spline.warnings)
+    assert found.log_evidence > spline.log_evidence + 10
 
 
 def test_knots_that_no_curve_reaches_are_told_in_one_sentence_and_cost_nothing():

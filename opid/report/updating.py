@@ -211,6 +211,8 @@ def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> 
         formula = r"c\, \dot z" if term.is_linear_damper else LAWS[term.kind].latex
         # the amplitude is the first letter of a formula
         latex = re.sub(r"^(-?[ck])(?![a-z])", rf"\g<1>{number}", formula) if several else formula
+        if several and term.gap_m is not None:
+            latex = re.sub(r"\bs\b", f"s{number}", latex)
         formulas.setdefault(term.joints, []).append(latex)
     laws = (
         embed_formula(f"f = {' + '.join(each)}") + (f" at {', '.join(joints)}" if joints else "")

@@ -61,10 +61,7 @@ def warn_of_class(
     diagnostics: Diagnostics,
     untold: Sequence[int] = (),
 ) -> Iterator[str]:
-    """Yield warnings about the posterior of one class, given its samples and its best parameters.
-
-    `untold` are numbers of parameters, from 1, whose posterior is known to be the prior.
-    """
+    """Yield warnings about the posterior of one class; that of the parameters `untold`, from 1, is their prior."""
     for pressure in find_pressures(chain.pooled, model_class.priors):
         if pressure.parameter not in untold:
             yield f"theta_{pressure.parameter} {pressure.sentence}"

@@ -379,8 +379,7 @@ BUILT_IN = (
         (Parameter("stiffness_n_per_m5", "N/m^5", "amplitude", 5e13),),
         _quintic_stiffness,
     ),
-    # a cubic that begins at the extension s without a step of force, stiffness or its slope: several of them, beside a
-    # cubic, make an odd cubic spline with its knots at their gaps
+    # a cubic that begins at the extension s: several of them, beside a cubic, make an odd cubic spline
     Kind(
         "late_cubic_stiffness",
         r"k\, (|z| - s)_+^3 \operatorname{sgn} z",
