@@ -70,6 +70,7 @@ def test_backbones_of_joints_with_their_own_laws_are_those_of_one_law_for_each()
             (("left",), ("right",), ()),
             (6.8e7, 2e5, 0.3, 8e-4),
         ),
+        (("cubic_stiffness", *("late_cubic_stiffness",) * 2), ((),) * 3, (6.8e8, -4e8, 3e-4, -2e8, 7e-4)),
     ],
 )
 def test_slopes_of_backbones_are_those_of_differences(kinds, joints, values, harmonics):

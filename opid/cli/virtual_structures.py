@@ -213,6 +213,7 @@ def backbones(
     import numpy as np
 
     from opid.errors import InputError
+    from opid.mechanics.laws.law import Law
     from opid.mechanics.truth import UpdatingTruth
     from opid.report.document import format_count
     from opid.studies.updating_study import FACTOR_PRIOR
@@ -263,7 +264,8 @@ def backbones(
         )  # fmt: skip
         say("the files")
         description = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
-        truth = UpdatingTruth(UPDATED, true.laws(system.joints, theta), description, settings)
+        laws = {joint: Law(each.terms) for joint, each in true.laws(system.joints, theta).items()}
+        truth = UpdatingTruth(UPDATED, laws, description, settings)
         path = write_field_test(study, truth, output.folder)
         if matrices != "npz":
             replace_matrices(structure, output.folder, matrices)

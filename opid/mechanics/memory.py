@@ -356,7 +356,7 @@ def _index_amplitudes(law: TermSet) -> list[int]:
     return np.cumsum([0, *(len(term.values) for term in law.terms)])[:-1].tolist()
 
 
-def force_at_turns(law: Law, extension: FloatArray) -> FloatArray:
+def force_at_turns(law: TermSet, extension: FloatArray) -> FloatArray:
     """Return the force where steady cycles turn, N, (n,), less that of the stiffness of memories while nothing slides.
 
     Without memory it is the force at rest there.

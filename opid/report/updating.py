@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,7 @@ from opid.report.updating_bands import (
     tabulate_responses,
     tabulate_unmeasured,
 )
-from opid.updating.model_class import ClassParameter, StiffnessFactor, group_joints
+from opid.updating.model_class import ClassParameter, StiffnessFactor, UncertainTerm, group_joints
 from opid.updating.result import ClassPosterior, LinearPosterior, ModeShape, Updating
 from opid.updating.sampling.chains import Diagnostics
 from opid.updating.sampling.evidence import Evidence
@@ -211,6 +211,8 @@ def _list_class_rows(posterior: ClassPosterior, truth: UpdatingTruth | None) -> 
         formula = r"c\, \dot z" if term.is_linear_damper else LAWS[term.kind].latex
         # the amplitude is the first letter of a formula
         latex = re.sub(r"^(-?[ck])(?![a-z])", rf"\g<1>{number}", formula) if several else formula
+        if several and term.gap_m is not None:
+            latex = re.sub(r"\bs\b", f"s{number}", latex)
         formulas.setdefault(term.joints, []).append(latex)
     laws = (
         embed_formula(f"f = {' + '.join(each)}") + (f" at {', '.join(joints)}" if joints else "")
@@ -580,14 +582,24 @@ def find_true_theta(posterior: ClassPosterior, truth: UpdatingTruth | None) -> l
         held = set()
         for joint in each.term.joints or truth.laws:
             terms = truth.laws[joint].parameters
-            if not set(terms) <= {term.kind for term in own.terms if term.acts_at(joint)}:
+            its_own = [term for term in own.terms if term.acts_at(joint)]
+            if not all(any(_may_be(term, kind, values) for term in its_own) for kind, values in terms.items()):
                 return [None] * own.n_parameters
             # A term that a joint does not have has the amplitude 0 and any inner parameters.
-            missing = {LAWS[each.term.kind].parameters[0].name: 0.0}
-            held.add(terms.get(each.term.kind, missing).get(each.own.name))
+            found = {LAWS[each.term.kind].parameters[0].name: 0.0}
+            if each.term.kind in terms and _may_be(each.term, each.term.kind, terms[each.term.kind]):
+                found = terms[each.term.kind]
+            held.add(found.get(each.own.name))
         value = held.pop() if len(held) == 1 else None
         true.append(None if value is None else value / each.scale + 0.0)
     return [*true, *(None for _ in own.ratios), *(truth.linear.get(each.name) for each in own.factors)]
+
+
+def _may_be(term: UncertainTerm, kind: str, values: Mapping[str, float]) -> bool:
+    """Return whether a term may have these parameters: its kind, and the extension at which it begins, where known."""
+    if term.kind != kind:
+        return False
+    return term.gap_m is None or math.isclose(term.gap_m, values["gap_m"], rel_tol=1e-6)
 
 
 def _draw_forces(result: Updating, truth: UpdatingTruth | None, joint: str) -> Any:

@@ -30,7 +30,7 @@ from opid.updating.measured import (
     read_result_backbones,
     write_backbone,
 )
-from opid.updating.model_class import LINEAR_DAMPING, Family, ModelClass, Prior, UncertainTerm
+from opid.updating.model_class import LINEAR_DAMPING, Family, ModelClass, Prior, UncertainTerm, spline_terms
 from opid.updating.structure.affine import AffineStructure, find_joint_rows, name_faults
 from opid.updating.structure.matrices_file import checked_structure, write_structure
 from opid.updating.study import UpdatingSettings, UpdatingStudy
@@ -45,6 +45,8 @@ PriorRow = Annotated[tuple[Family, float, float], PRIOR]
 
 _LINEAR = "linear_damping"  # name of the signed power of the rate with the exponent 1
 _LINEAR_COEFFICIENT = Parameter("damping_n_s_per_m", "N s/m", "amplitude", 1e3)
+_SPLINE = "spline"  # name of a cubic and a late cubic for each knot
+_KNOT = Parameter("knots", "m", "scale", 1e-3)
 
 _WITH_UNIT = re.compile(r"\s*([-+0-9.eE]+)\s*([kM]?)N\s*/\s*(m|mm|cm|in)\s*(?:\^|\*\*)?\s*(\d*)\s*")
 _PER_METRE = {"m": 1.0, "cm": 1e2, "mm": 1e3, "in": 1 / 0.0254}
@@ -155,6 +157,8 @@ Priors = Annotated[
     PriorRow | tuple[PriorRow | Literal["known"], ...], f'{PRIOR}, or one such list or "known" for each parameter'
 ]
 
+Knots = Annotated[tuple[float | str, ...], 'a list of extensions in m, or texts like "0.5 mm"']
+
 
 @dataclass(frozen=True, kw_only=True)
 class LawTable:
@@ -162,17 +166,21 @@ class LawTable:
 
     Args:
         law: kinds of `opid.mechanics.laws.law`, "_stiffness" may be left out, joined by +: springs, and dampers, of
-            which "linear damping" is the signed power whose exponent is known to be 1.
+            which "linear damping" is the signed power whose exponent is known to be 1; or "spline", an odd cubic spline
+            (see `opid.updating.spline_terms`), whose parameters are the cubic coefficient up to the first knot and its
+            change at each knot.
         scale: one for each parameter of the kinds, in SI units or with the unit in a text; one for all if it is alone.
         prior: one for each parameter, "known" for one that keeps its scale; one for all if it is alone, uniform from 0
-            to 10 where left out.
+            to 10 where left out, and normal about 0 with the deviation 1 for the changes at knots.
         joints: names of the joints that have this law, with the same values; all where left out.
+        knots: extensions at which the pieces of a spline meet, in m or with the unit in a text.
     """
 
     law: str
     scale: Scales
     prior: Priors | None = None
     joints: Annotated[tuple[_Dof, ...], "a list of names of joints"] = ()
+    knots: Knots = ()
 
     @property
     def words(self) -> str:
@@ -183,10 +191,18 @@ class LawTable:
     def terms(self) -> tuple[UncertainTerm, ...]:
         """The terms that the table describes."""
         kinds = [find_term(part) for part in self.law.split("+")]
-        parameters = [parameter for kind in kinds for parameter in _list_parameters(kind)]
+        if (_SPLINE in kinds) != bool(self.knots):
+            raise InputError(
+                f"the law {self.law!r} has {len(self.knots)} knot(s): give 'knots' with the law 'spline', and with no "
+                "other"
+            )
+        knots = [_read_scale(each, _KNOT) for each in self.knots]
+        parts = [part for kind in kinds for part in _list_parts(kind, knots)]
+        parameters = [parameter for part in parts for parameter in part.given]
         scales = self.scale if isinstance(self.scale, tuple) else (self.scale,) * len(parameters)
-        prior = astuple(Prior()) if self.prior is None else self.prior
-        is_list = bool(prior) and (isinstance(prior[0], tuple) or "known" in prior)
+        usual = tuple(astuple(part.prior) for part in parts for _ in part.given)
+        prior: Any = self.prior or usual
+        is_list = isinstance(prior[0], tuple) or "known" in prior
         rows = prior if is_list else (prior,) * len(parameters)
         for what, given in (("scale", scales), ("prior", rows)):
             if len(given) != len(parameters):
@@ -196,14 +212,11 @@ class LawTable:
                 )
         values = [_read_scale(scale, parameter) for scale, parameter in zip(scales, parameters, strict=True)]
         priors = [None if row == "known" else Prior(*row) for row in rows]
-        found, first = [], 0
-        for kind in kinds:
-            own = slice(first, first + len(_list_parameters(kind)))
-            joints = tuple(map(str, self.joints))
-            if kind == _LINEAR:
-                found.append(UncertainTerm(LINEAR_DAMPING, (*values[own], 1.0), (*priors[own], None), joints))
-            else:
-                found.append(UncertainTerm(kind, tuple(values[own]), tuple(priors[own]), joints))
+        found, first, joints = [], 0, tuple(map(str, self.joints))
+        for part in parts:
+            own = slice(first, first + len(part.given))
+            known = (None,) * len(part.known)
+            found.append(UncertainTerm(part.kind, (*values[own], *part.known), (*priors[own], *known), joints))
             first = own.stop
         return tuple(found)
 
@@ -217,6 +230,7 @@ class ClassTable:
         law: the law of all joints, see `LawTable`, which explains `scale` and `prior`, too.
         scale: the scales of that law.
         prior: the priors of that law.
+        knots: the knots of that law.
         laws: the laws of groups of joints, instead of one for all; a joint in none of them has no law.
 
     Raises:
@@ -231,6 +245,7 @@ class ClassTable:
     law: str | None = None
     scale: Scales | None = None
     prior: Priors | None = None
+    knots: Knots = ()
     laws: tuple[LawTable, ...] = ()
 
     def __post_init__(self) -> None:
@@ -239,7 +254,7 @@ class ClassTable:
     @property
     def model(self) -> ModelClass:
         """The class that the table describes."""
-        stated = [each for each in (self.law, self.scale, self.prior) if each is not None]
+        stated = [each for each in (self.law, self.scale, self.prior, self.knots or None) if each is not None]
         if bool(stated) == bool(self.laws):
             raise InputError(
                 f"class {self.name or self.law!r} has {'law and laws' if stated else 'no law'}: give law and scale for "
@@ -250,7 +265,7 @@ class ClassTable:
             if self.law is None or self.scale is None:
                 missing = "law" if self.law is None else "scale"
                 raise InputError(f"class {self.name or self.law!r} lacks {missing!r}: give both")
-            tables = (LawTable(law=self.law, scale=self.scale, prior=self.prior),)
+            tables = (LawTable(law=self.law, scale=self.scale, prior=self.prior, knots=self.knots),)
         name = self.name or " + ".join(each.words for each in tables)
         try:
             terms = tuple(term for each in tables for term in each.terms)
@@ -478,15 +493,32 @@ def find_term(text: str) -> str:
     """
     plain = "_".join(text.lower().split())
     for name in (plain, f"{plain}_stiffness"):
-        if name in LAWS or name == _LINEAR:
+        if name in LAWS or name in (_LINEAR, _SPLINE):
             return name
     known = [kind.removesuffix("_stiffness") for kind in LAWS if LAWS[kind].memory is None]
-    raise InputError(f"there is no law {text.strip()!r}: {nearest(plain, [*known, _LINEAR])}")
+    raise InputError(f"there is no law {text.strip()!r}: {nearest(plain, [*known, _LINEAR, _SPLINE])}")
 
 
-def _list_parameters(kind: str) -> tuple[Parameter, ...]:
-    """Return the parameters of a kind that a table gives."""
-    return (_LINEAR_COEFFICIENT,) if kind == _LINEAR else LAWS[kind].parameters
+@dataclass(frozen=True)
+class _Part:
+    """A term of a law in a table: the parameters that the table gives, those that its name tells, and a usual prior."""
+
+    kind: str
+    given: tuple[Parameter, ...]
+    known: tuple[float, ...] = ()
+    prior: Prior = field(default_factory=Prior)
+
+
+def _list_parts(kind: str, knots_m: Sequence[float]) -> list[_Part]:
+    """Return the terms that a name in a table means; `knots_m` are those of a spline."""
+    if kind == _LINEAR:
+        return [_Part(LINEAR_DAMPING, (_LINEAR_COEFFICIENT,), (1.0,))]
+    if kind != _SPLINE:
+        return [_Part(kind, LAWS[kind].parameters)]
+    terms = spline_terms((1.0,) * (len(knots_m) + 1), knots_m)
+    return [
+        _Part(each.kind, LAWS[each.kind].parameters[:1], each.scales[1:], each.priors[0] or Prior()) for each in terms
+    ]
 
 
 def _read_scale(given: float | str, parameter: Parameter) -> float:

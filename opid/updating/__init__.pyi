@@ -20,6 +20,7 @@ from .model_class import (
     ModelClass as ModelClass,
     Prior as Prior,
     UncertainTerm as UncertainTerm,
+    spline_terms as spline_terms,
 )
 from .posterior import (
     density_of as density_of,

@@ -17,11 +17,14 @@ from scipy import special, stats
 from opid.errors import InputError, list_names, nearest
 from opid.mechanics.backbones.harmonic_balance import TRIED_M, TRIED_M_PER_S, depends_on_rate
 from opid.mechanics.laws.kinds import LAWS, Kind, Parameter
-from opid.mechanics.laws.law import Law, Term
+from opid.mechanics.laws.law import Term, TermSet
 from opid.signals.recording import FloatArray
 
 LINEAR_DAMPING = "signed_power_damping"
 """The kind that is a linear damper where its exponent is known to be 1."""
+
+LATE_CUBIC = "late_cubic_stiffness"
+"""The kind of which a spline has one term for each knot."""
 
 Family = Literal["uniform", "normal", "lognormal"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
@@ -199,14 +202,25 @@ class UncertainTerm:
         return self.kind == LINEAR_DAMPING and self.scales[1] == 1.0 and self.priors[1] is None
 
     @property
+    def gap_m(self) -> float | None:
+        """The extension at which it begins, m, where that is known; None of other terms."""
+        pairs = zip(LAWS[self.kind].parameters, self.scales, self.priors, strict=True)
+        return next((scale for own, scale, prior in pairs if own.name == "gap_m" and prior is None), None)
+
+    @property
     def words(self) -> str:
         """The kind in short words, and where it acts: "cubic at front"."""
         return f"{self.short}{self.place}"
 
     @property
     def short(self) -> str:
-        """The kind in short words."""
-        return "linear damping" if self.is_linear_damper else short_kind(self.kind)
+        """The kind in short words, with a known extension at which it begins: "late cubic from 0.5 mm"."""
+        return "linear damping" if self.is_linear_damper else f"{short_kind(self.kind)}{self.start}"
+
+    @property
+    def start(self) -> str:
+        """Where it begins: " from 0.5 mm"; "" where that is not known, or at rest."""
+        return "" if self.gap_m is None else f" from {1e3 * self.gap_m:g} mm"
 
     @property
     def place(self) -> str:
@@ -279,7 +293,7 @@ class ClassParameter:
         """The name in files: "cubic_stiffness", with what distinguishes it: "gas_column.exponent at front"."""
         inner = f".{self.own.name}" if self.index else ""
         kind = "linear_damping" if self.term.is_linear_damper else self.term.kind
-        return f"{kind}{inner}{self.term.place}"
+        return f"{kind}{inner}{self.term.start}{self.term.place}"
 
     @property
     def words(self) -> str:
@@ -352,7 +366,8 @@ class ModelClass:
 
     Args:
         name: the name of the class.
-        terms: the terms, springs and then dampers, at least one spring; those of one kind are at different joints.
+        terms: the terms, springs and then dampers, at least one spring; those of one kind are at different joints, or
+            begin at different extensions that are known.
         factors: factors of the linear stiffness that are unknown, too; none where the structure is taken as it is.
         ratios: damping ratios of modes that are unknown, too; none where no force tells them.
 
@@ -360,8 +375,8 @@ class ModelClass:
         InputError: no spring, no unknown parameter, or two terms of one kind at a joint.
 
     >>> cubic = ModelClass("class 2", (UncertainTerm("cubic_stiffness", (6.8e7,), (Prior("uniform", 0, 10),)),))
-    >>> cubic.law("front", [1.58]).parameters
-    {'cubic_stiffness': {'stiffness_n_per_m3': 107440000.0}}
+    >>> cubic.law("front", [1.58]).terms
+    (Term(name='cubic_stiffness', values=(107440000.0,)),)
     """
 
     name: str
@@ -379,12 +394,16 @@ class ModelClass:
             for other in self.terms[:number]:
                 if one.kind != other.kind or (one.joints and other.joints and not {*one.joints} & {*other.joints}):
                     continue
+                if "" not in (one.start, other.start) and one.start != other.start:
+                    continue
                 if one.is_linear_damper or other.is_linear_damper:
                     raise InputError(
                         f"class {self.name!r} has a linear damper and another {short_kind(one.kind)} at a joint, which "
                         "are one kind: give one of them, or a quadratic or cubic damping beside the linear one"
                     )
-                raise InputError(f"class {self.name!r} names {one.kind!r} twice at a joint: name each once")
+                gap = any(each.name == "gap_m" for each in LAWS[one.kind].parameters)
+                hint = ", or with different known gaps" if gap else ""
+                raise InputError(f"class {self.name!r} names {one.kind!r} twice at a joint: name each once{hint}")
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -405,6 +424,11 @@ class ModelClass:
     def slips(self) -> bool:
         """Whether a joint has a memory."""
         return any(each.has_memory for each in self.terms)
+
+    @property
+    def has_knots(self) -> bool:
+        """Whether a term begins at an extension that is known, as the pieces of a spline."""
+        return any(each.gap_m is not None for each in self.terms)
 
     @property
     def dampers(self) -> tuple[UncertainTerm, ...]:
@@ -478,13 +502,13 @@ class ModelClass:
         values[..., self.is_unknown] *= unknown
         return values
 
-    def law(self, joint: str, theta: Sequence[float] | FloatArray) -> Law:
+    def law(self, joint: str, theta: Sequence[float] | FloatArray) -> TermSet:
         """Return the law of the joint called `joint` for one theta, (n_parameters,); without a term it is linear."""
         values = iter(self.coefficients(theta).tolist())
         terms = [(each, Term(each.kind, tuple(next(values) for _ in each.scales))) for each in self.terms]
-        return Law(tuple(term for each, term in terms if each.acts_at(joint)))
+        return TermSet(tuple(term for each, term in terms if each.acts_at(joint)))
 
-    def laws(self, joints: Sequence[str], theta: Sequence[float] | FloatArray) -> dict[str, Law]:
+    def laws(self, joints: Sequence[str], theta: Sequence[float] | FloatArray) -> dict[str, TermSet]:
         """Return the law of each of some joints, by its name, for one theta, (n_parameters,)."""
         return {joint: self.law(joint, theta) for joint in joints}
 
@@ -517,6 +541,46 @@ def group_joints(classes: Sequence[ModelClass], joints: Sequence[str]) -> list[t
     for joint in joints:
         groups.setdefault(tuple(term.acts_at(joint) for each in classes for term in each.terms), []).append(joint)
     return [tuple(each) for each in groups.values()]
+
+
+def spline_terms(
+    scales: Sequence[float],
+    knots_m: Sequence[float],
+    priors: Sequence[Prior | None] = (),
+    joints: tuple[str, ...] = (),
+) -> tuple[UncertainTerm, ...]:
+    """Return the terms of an odd cubic spline of the extension, a law whose form is not known.
+
+    f(z) = (k_0 |z|^3 + sum_i k_i (|z| - s_i)_+^3) sgn z has continuous second derivatives: k_0 is the coefficient of a
+    cubic spring up to the first knot, and k_i its change at knot s_i. The linear part belongs to the structure.
+
+    Args:
+        scales: one for k_0 and for each k_i, N/m^3; with the coefficient that is expected for all, theta is about 1.
+        knots_m: knots s_i, m, positive and increasing, below the extensions that the tests reach.
+        priors: prior of k_0 and of each k_i over its scale. Where left out, uniform from 0 to 10 for k_0, and normal
+            about 0 with the deviation 1 for each k_i, so that knots more than needed cost little evidence.
+        joints: names of the joints that have it; all where empty.
+
+    Raises:
+        InputError: no knot, knots that are not positive or do not increase, counts that do not match, or a scale or a
+            prior that `UncertainTerm` refuses.
+
+    >>> ModelClass("spline", spline_terms([7e7, 7e7], [1e-3])).law_in_words
+    'cubic + late cubic from 1 mm'
+    """
+    knots, n = np.asarray(knots_m, dtype=np.float64), len(knots_m) + 1
+    if not (knots.size and np.isfinite(knots).all() and (np.diff(knots, prepend=0.0) > 0.0).all()):
+        given = ", ".join(f"{1e3 * knot:g}" for knot in knots) or "none"
+        raise InputError(f"the knots of a spline are {given} (mm): give at least one, positive and increasing")
+    priors = priors or (Prior(), *(Prior("normal", 0.0, 1.0),) * knots.size)
+    if len(scales) != n or len(priors) != n:
+        raise InputError(
+            f"a spline with {knots.size} knot(s) has {len(scales)} scale(s) and {len(priors)} prior(s): give {n}, for "
+            "the cubic part and for each knot"
+        )
+    first = UncertainTerm("cubic_stiffness", (scales[0],), (priors[0],), joints)
+    late = zip(scales[1:], knots.tolist(), priors[1:], strict=True)
+    return first, *(UncertainTerm(LATE_CUBIC, (scale, knot), (prior, None), joints) for scale, knot, prior in late)
 
 
 def short_kind(kind: str) -> str:

@@ -10,7 +10,13 @@ import numpy as np
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData
-from opid.updating.likelihood.curves import LikelihoodSlopes, describe_failures, likelihood_function, slopes_function
+from opid.updating.likelihood.curves import (
+    LikelihoodSlopes,
+    describe_failures,
+    likelihood_function,
+    make_curves,
+    slopes_function,
+)
 from opid.updating.likelihood.interactions import adapt_to_class
 from opid.updating.model_class import ModelClass
 from opid.updating.result import ClassPosterior
@@ -113,13 +119,15 @@ def update_class(
         else:
             chain = _sample(density, peak, n_samples, rng, progress)
     best = chain.best if peak is None else peak.theta
+    unreached, sentences = _find_unreached(data, model_class, best)
     found, refused = _compute_evidences(methods, density, model_class, peak, chain, stages, rng)
     estimates = estimates_of(chain, [f"theta_{k + 1}" for k in range(model_class.n_parameters)])
     diagnostics = diagnose(chain)
     is_idle = has_no_effect(data, model_class)
     if not is_idle:
-        warnings += [*refused, *warn_of_class(
-            data, model_class, chain, best, estimates=estimates, evidences=found, diagnostics=diagnostics
+        warnings += [*sentences, *refused, *warn_of_class(
+            data, model_class, chain, best, estimates=estimates, evidences=found, diagnostics=diagnostics,
+            untold=unreached,
         )]  # fmt: skip
     return ClassPosterior(
         model_class=model_class,
@@ -135,6 +143,29 @@ def update_class(
         has_no_effect=is_idle,
         chain=chain,
     )
+
+
+def _find_unreached(data: BackboneData, model_class: ModelClass, best: FloatArray) -> tuple[tuple[int, ...], list[str]]:
+    """Return numbers of parameters, from 1, whose terms begin beyond all measured points, and a sentence on them."""
+    reached = np.zeros(len(data.system.joints))
+    for mode in data.modes if model_class.has_knots else ():
+        for found in make_curves(data, mode, model_class).solve(best[np.newaxis]):
+            at_turns = found.extension.reshape(found.amplitude.size, len(found.harmonics), -1).sum(axis=1)
+            reached = np.fmax(reached, np.fmax.reduce(np.abs(at_turns)))
+    numbers, knots, largest = [], [], 0.0
+    for number, each in enumerate(model_class.law_parameters, start=1):
+        of_joints = [own for joint, own in zip(data.system.joints, reached, strict=True) if each.term.acts_at(joint)]
+        if each.term.gap_m is not None and each.term.gap_m >= max(of_joints, default=0.0):
+            numbers.append(number)
+            knots.append(f"{1e3 * each.term.gap_m:g}")
+            largest = max([largest, *of_joints])
+    if not numbers:
+        return (), []
+    names = " and ".join(f"theta_{number}" for number in numbers)
+    return tuple(numbers), [
+        f"no data tell {names}: terms begin at {' and '.join(knots)} mm, and in the curves their joints extend by at "
+        f"most {1e3 * largest:.3g} mm; the posterior is the prior there, leave these knots out"
+    ]
 
 
 def estimate_evidence(data: BackboneData, model_class: ModelClass, rng: np.random.Generator) -> float:
@@ -197,8 +228,9 @@ def _find_peak(
     support = [prior.support for prior in model_class.priors]
     starts = _draw_starts(data, model_class, rng)
     values = density.posterior(starts)
-    if data.form == "recommended" and model_class.slips:
-        # Force and travel of a joint that slips compensate for each other along a narrow, bent ridge.
+    if data.form == "recommended" and (model_class.slips or model_class.has_knots):
+        # Force and travel of a joint that slips compensate for each other along a narrow, bent ridge, and so do the
+        # pieces of a spline.
         starts = np.concatenate([_approach(data, model_class, starts, values), starts])
         values = density.posterior(starts)
     if not np.isfinite(values).any():

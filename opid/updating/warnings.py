@@ -15,7 +15,7 @@ from opid.updating.likelihood.curves import describe_failures, describe_points, 
 from opid.updating.likelihood.force import ForceData
 from opid.updating.likelihood.interactions import describe_interactions, warn_of_pairs
 from opid.updating.likelihood.noise import NoiseSettings
-from opid.updating.model_class import ModelClass
+from opid.updating.model_class import ClassParameter, ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior
 from opid.updating.sampling.chains import Chain, Diagnostics, find_pressures
 from opid.updating.sampling.evidence import Evidence
@@ -59,10 +59,12 @@ def warn_of_class(
     estimates: Mapping[str, Estimate],
     evidences: Sequence[Evidence],
     diagnostics: Diagnostics,
+    untold: Sequence[int] = (),
 ) -> Iterator[str]:
-    """Yield warnings about the posterior of one class, given its samples and its best parameters."""
+    """Yield warnings about the posterior of one class; that of the parameters `untold`, from 1, is their prior."""
     for pressure in find_pressures(chain.pooled, model_class.priors):
-        yield f"theta_{pressure.parameter} {pressure.sentence}"
+        if pressure.parameter not in untold:
+            yield f"theta_{pressure.parameter} {pressure.sentence}"
     misfits = lack_of_fit(data, model_class, best)
     told = [*warn_of_fit(misfits, np.nan if misfits else unexplained_fraction(data, model_class, best))]
     yield from told or warn_of_bump(find_bumps(data, model_class, best))
@@ -97,7 +99,9 @@ def warn_of_class(
             yield f"log evidence by {other.method} differs by {apart:.1f} from that by {first.method}: use the latter"
     if model_class.n_parameters > 1:
         for (name, estimate), own in zip(estimates.items(), model_class.parameters, strict=True):
-            if own.is_amplitude and estimate.holds(0.0):
+            # The changes at the knots of a spline are needed together.
+            is_alone = isinstance(own, ClassParameter) and own.is_amplitude and own.term.gap_m is None
+            if is_alone and estimate.holds(0.0):
                 yield f"the interval of {name} contains 0: the data do not need the term {own.key}"
 
 

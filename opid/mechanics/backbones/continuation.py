@@ -19,7 +19,7 @@ from opid.mechanics.backbones.harmonic_balance import (
     solve_at,
 )
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.laws.law import FloatArray, Law
+from opid.mechanics.laws.law import FloatArray, TermSet
 
 MOST_ITERATIONS = 8
 """Iterations of Newton's method in one step; where it needs more, the step is made smaller."""
@@ -48,7 +48,7 @@ class ContinuedBackbone(Backbone):
 
 def continued_backbone(
     system: JointedModes,
-    law: Law | Sequence[Law],
+    law: TermSet | Sequence[TermSet],
     *,
     mode: int,
     sensor: str,

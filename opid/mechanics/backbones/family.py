@@ -22,7 +22,7 @@ from opid.mechanics.backbones.harmonic_balance import (
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.kernels import CYCLIC, backbone_slopes, backbones, code_of
 from opid.mechanics.laws.kinds import LAWS
-from opid.mechanics.laws.law import FloatArray, Law, Term
+from opid.mechanics.laws.law import FloatArray, Term, TermSet
 
 # fraction of the largest value below which a shape counts as zero
 NOTHING = 1e-9
@@ -107,7 +107,7 @@ def take_samples(family: BackboneFamily, samples: ArrayLike) -> BackboneFamily:
 
 def backbone(
     system: JointedModes,
-    law: Law | Sequence[Law],
+    law: TermSet | Sequence[TermSet],
     *,
     mode: int,
     sensor: str,
@@ -320,13 +320,13 @@ def _place_terms(
     return rows, (first, last, np.array([code_of(kinds[row]) for row in rows], dtype=np.int64))
 
 
-def laws_of_joints(law: Law | Sequence[Law], system: JointedModes) -> tuple[Law, ...]:
+def laws_of_joints(law: TermSet | Sequence[TermSet], system: JointedModes) -> tuple[TermSet, ...]:
     """Return one law for each joint.
 
     Raises:
         InputError: another number of laws than of joints, or a law that does not rest at its origin.
     """
-    laws = (law,) * len(system.joints) if isinstance(law, Law) else tuple(law)
+    laws = (law,) * len(system.joints) if isinstance(law, TermSet) else tuple(law)
     if len(laws) != len(system.joints):
         raise InputError(
             f"there are {len(laws)} laws for the {len(system.joints)} joints: give one law, or one for each joint"

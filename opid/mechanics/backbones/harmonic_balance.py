@@ -11,7 +11,7 @@ from scipy.special import gamma
 
 from opid.errors import InputError
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.laws.law import FloatArray, Law, Term
+from opid.mechanics.laws.law import FloatArray, Term, TermSet
 
 # power p of the kinds c |z|^(p-1) z; -1 where it is an inner parameter
 POWERS = {
@@ -157,10 +157,10 @@ def period_transform(terms: Sequence[Term], harmonics: tuple[int, ...]) -> Trans
         angle, weight = np.pi / 2 * (np.arange(n) + 0.5) / n, np.full(n, 1.0 / n)
     else:
         smooth = set(POWERS) - {"signed_power_stiffness"}
-        slipping = {term.name for term in terms if term.kind.cycle is not None}
-        # Where all sliders slip, the force of a cycle bends without a step: with twenty points more the error of the
-        # eigenvalue is a few millionths.
-        n = int(0.4 * highest) + (10 if names <= smooth else 20 if names <= smooth | slipping else 64)
+        bent = {term.name for term in terms if term.kind.cycle is not None or term.name == "late_cubic_stiffness"}
+        # Where all sliders slip, and at a knot, the force bends without a step: with twenty points more the error of
+        # the eigenvalue is a few millionths.
+        n = int(0.4 * highest) + (10 if names <= smooth else 20 if names <= smooth | bent else 64)
         node, weight = np.polynomial.legendre.leggauss(n)
         angle, weight = np.pi / 4 * (node + 1.0), weight / 2.0
     return transform_at(angle, weight, harmonics)
@@ -173,7 +173,9 @@ def transform_at(angle: FloatArray, weight: FloatArray, harmonics: tuple[int, ..
     return Transform(cosines, double[:, np.newaxis] * weight * cosines, angle)
 
 
-def joint_harmonics(laws: Sequence[Law], transform: Transform, extension: FloatArray) -> tuple[FloatArray, FloatArray]:
+def joint_harmonics(
+    laws: Sequence[TermSet], transform: Transform, extension: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the harmonics of the joints' forces, (n_harmonics, n_joints) N, and their slopes.
 
     The slopes by the harmonics of the extensions are (n_joints, n_harmonics, n_harmonics), N/m.
@@ -213,7 +215,7 @@ class Balance:
     """
 
     system: JointedModes
-    laws: tuple[Law, ...]
+    laws: tuple[TermSet, ...]
     harmonics: tuple[int, ...]
     transform: Transform
     mode: int
@@ -231,7 +233,9 @@ class Balance:
         return self.n_joint_unknowns + int(self.explicit.sum()) + 1
 
 
-def balance(system: JointedModes, laws: Sequence[Law], *, mode: int, sensor: str, harmonics: Sequence[int]) -> Balance:
+def balance(
+    system: JointedModes, laws: Sequence[TermSet], *, mode: int, sensor: str, harmonics: Sequence[int]
+) -> Balance:
     """Return the equations of the backbone of a mode at prescribed amplitudes of a sensor.
 
     Args:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from opid.errors import InputError
 from opid.mechanics.backbones.family import laws_of_joints
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.laws.law import FloatArray, Law
+from opid.mechanics.laws.law import FloatArray, TermSet
 from opid.mechanics.rig import Shaker
 from opid.mechanics.structure import ComplexArray
 
@@ -26,7 +26,7 @@ class Specimen:
 
     Args:
         system: the modes of the structure, as its sensors and joints see them.
-        laws: one law for each joint; a single `Law` counts for all.
+        laws: one law for each joint; a single one counts for all.
         damping_ratio: (n_modes,) zeta of each mode, or one number for all.
         drive: name of the sensor at which the force acts.
         shaker: None for a force that acts directly; otherwise the feedback moves its armature, and the force is that in
@@ -38,7 +38,7 @@ class Specimen:
     """
 
     system: JointedModes
-    laws: Law | Sequence[Law]
+    laws: TermSet | Sequence[TermSet]
     damping_ratio: ArrayLike
     drive: str
     shaker: Shaker | None = None
@@ -59,12 +59,12 @@ class Specimen:
             raise InputError("the shaker distorts: the feedback takes it as linear, set its second_harmonic to 0")
 
     @property
-    def joint_laws(self) -> tuple[Law, ...]:
+    def joint_laws(self) -> tuple[TermSet, ...]:
         """One law for each joint."""
         return laws_of_joints(self.laws, self.system)
 
     @cached_property
-    def joints_of_laws(self) -> dict[Law, list[int]]:
+    def joints_of_laws(self) -> dict[TermSet, list[int]]:
         """The numbers of the joints that have each law, from 0."""
         return {law: [k for k, own in enumerate(self.joint_laws) if own == law] for law in self.joint_laws}
 

@@ -165,6 +165,12 @@ def _held_damping(z: Any, v: Any, s: Any, n: Any) -> ForceAndDerivatives:
     return v * secant, 0.0, secant * (1.0 + more * within), by_s, v * secant * np.log(held)
 
 
+def _late_cubic_stiffness(z: Any, v: Any, s: Any, _: Any) -> ForceAndDerivatives:
+    beyond, side = np.maximum(np.abs(z) - s, 0.0), np.sign(z)
+    square = beyond**2
+    return side * beyond * square, 3.0 * square, 0.0, -3.0 * side * square, 0.0
+
+
 def _asymmetric_stiffness(z: Any, v: Any, _a: Any, _b: Any) -> ForceAndDerivatives:
     return np.abs(z), np.sign(z), 0.0, 0.0, 0.0
 
@@ -372,6 +378,14 @@ BUILT_IN = (
         r"k\, z^5",
         (Parameter("stiffness_n_per_m5", "N/m^5", "amplitude", 5e13),),
         _quintic_stiffness,
+    ),
+    # a cubic that begins at the extension s: several of them, beside a cubic, make an odd cubic spline
+    Kind(
+        "late_cubic_stiffness",
+        r"k\, (|z| - s)_+^3 \operatorname{sgn} z",
+        (Parameter("stiffness_n_per_m3", "N/m^3", "amplitude", 3e9), Parameter("gap_m", "m", "scale", 0.004)),
+        _late_cubic_stiffness,
+        searched=False,
     ),
     # contact (n = 1.5 is Hertz) and rubber
     Kind(

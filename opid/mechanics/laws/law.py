@@ -152,6 +152,11 @@ class TermSet:
     rest_m: float = 0.0
 
     @property
+    def name(self) -> str:
+        """The names of the terms joined by `+`, or "linear"."""
+        return "+".join(term.name for term in self.terms) or "linear"
+
+    @property
     def has_memory(self) -> bool:
         """Whether a term has a memory."""
         return any(term.kind.memory is not None for term in self.terms)
@@ -278,11 +283,6 @@ class Law(TermSet):
         ordered = sorted(self.terms, key=lambda term: order.index(term.name))
         merged = tuple(_add_up(name, tuple(terms)) for name, terms in groupby(ordered, lambda term: term.name))
         object.__setattr__(self, "terms", merged)
-
-    @property
-    def name(self) -> str:
-        """The names of the terms joined by `+`, or "linear"."""
-        return "+".join(term.name for term in self.terms) or "linear"
 
     @property
     def latex(self) -> str:

@@ -30,7 +30,7 @@ from opid.mechanics.backbones.harmonic_balance import (
     solve_at,
 )
 from opid.mechanics.backbones.jointed_modes import JointedModes
-from opid.mechanics.laws.law import Law
+from opid.mechanics.laws.law import TermSet
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, ErrorGrowth, IntArray, ModeData, find_met_modes, with_noise
 from opid.updating.likelihood.curves import describe_span, make_curves, make_solver
@@ -153,10 +153,10 @@ def _find_system(data: BackboneData, model_class: ModelClass, theta: FloatArray)
     return data.structure.at(theta[theta.size - len(model_class.factors) :])[0]
 
 
-def _find_springs(model_class: ModelClass, joints: tuple[str, ...], theta: FloatArray) -> tuple[Law, ...]:
+def _find_springs(model_class: ModelClass, joints: tuple[str, ...], theta: FloatArray) -> tuple[TermSet, ...]:
     """Return the springs of each joint: dampers move no backbone."""
     every = model_class.laws(joints, theta).values()
-    return tuple(Law(tuple(term for term in law.terms if not depends_on_rate(term))) for law in every)
+    return tuple(TermSet(tuple(term for term in law.terms if not depends_on_rate(term))) for law in every)
 
 
 def _follow(equations: Balance, amplitude: FloatArray) -> list[FloatArray] | None:
