@@ -15,8 +15,8 @@ from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
 from opid.updating.checks import warn_of_overlaps
 from opid.updating.confusion import find_confusion
-from opid.updating.damping_prediction import predict_damping
-from opid.updating.forced_response import predict_responses
+from opid.updating.forced_response import predict_damping, predict_responses
+from opid.updating.harmonics import predict_harmonics, warn_of_harmonics
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
 from opid.updating.likelihood.error_growth import growth_of_linear_error
 from opid.updating.likelihood.force import force_data
@@ -79,6 +79,8 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     responses, told = _predict_responses(study, data, best, linear)
     own = np.random.default_rng([study.seed, 6])
     damping = () if data.force is None else tuple(predict_damping(data, best, study.backbones, rng=own))
+    own = np.random.default_rng([study.seed, 8])
+    harmonics = () if best.has_no_effect else predict_harmonics(data, best, study.backbones, rng=own)
     confusion = None
     if study.n_confused:
         say("confusion of classes")
@@ -108,6 +110,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
             *lost,
             *warn_of_classes(classes),
             *warn_of_choice(classes, bands),
+            *warn_of_harmonics(harmonics, data),
             *gone,
             *told,
         ),
@@ -118,6 +121,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         places=study.places,
         damping=damping,
         responses=responses,
+        harmonics=harmonics,
     )
 
 
