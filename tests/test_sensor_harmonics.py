@@ -234,7 +234,7 @@ def compare(system, curves, law=made.CUBIC, **settings):
     """Return bands and warnings of a class that was fitted to the curves."""
     data = backbone_data(system, curves, **settings)
     found = update_class(data, law, rng=np.random.default_rng(0), n_samples=1000, evidences=("laplace",))
-    bands = predict_harmonics(data, found, curves, rng=np.random.default_rng(1))
+    bands = predict_harmonics(data, law, found.samples[-400:], curves, rng=np.random.default_rng(1))
     return bands, list(warn_of_harmonics(bands, data))
 
 

@@ -1,4 +1,4 @@
-"""What a report says of the prediction of an updating: coverage, every sensor, harmonics, modes without curves, forces."""
+"""What a report says of predictions of an updating: coverage, every sensor, harmonics, modes without curves, forces."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def tabulate_motions(result: Updating) -> Table:
 
 
 def tabulate_harmonics(result: Updating) -> Table:
-    """Return the fraction of points of each higher harmonic within its band, with a row a sensor and a column a mode."""
+    """Return the fraction of points of higher harmonics within their bands, with a row a sensor and a column a mode."""
     found: dict[tuple[str, int], dict[int, list[float]]] = {}
     for band in result.harmonics:
         found.setdefault((band.sensor, band.order), {}).setdefault(band.mode, []).append(band.coverage)

@@ -6,11 +6,13 @@ They tell of the law's shape and of the modes that they meet, and were used by n
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import groupby
+from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
 
 import numpy as np
 
-from opid.mechanics.backbones.dissipation import find_higher_harmonics
+from opid.mechanics.backbones.dissipation import PlacedTerm, find_higher_harmonics
+from opid.mechanics.backbones.family import BackboneFamily
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, ModeData
 from opid.updating.likelihood.curves import make_solver
@@ -18,38 +20,43 @@ from opid.updating.likelihood.interactions import find_system
 from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import ModelClass
 from opid.updating.prediction import find_band
-from opid.updating.result import ClassPosterior, HarmonicBand
+from opid.updating.result import HarmonicBand
 from opid.updating.settings import UPDATING
 
 # ---- bands -----------------------------------------------------------------------------------------
 
 
 def predict_harmonics(
-    data: BackboneData, posterior: ClassPosterior, measured: Sequence[MeasuredBackbone], *, rng: np.random.Generator
+    data: BackboneData,
+    model_class: ModelClass,
+    theta: FloatArray,
+    measured: Sequence[MeasuredBackbone],
+    *,
+    rng: np.random.Generator,
 ) -> tuple[HarmonicBand, ...]:
     """Return the 95 % bands of all higher harmonics that were measured, at their own points.
 
     Joints move as along the smooth backbone at the measured amplitude, and the modes answer to the harmonics of their
     forces at the measured frequency. The bands hold the parameters of the class, the error of every linear frequency
-    (`linear_error`) and shape (`linear_shape_error`, at sensors and joints), the damping of the modes, the calibration
-    of each sensor at each harmonic (`harmonic_error`), and the noise of a point (`harmonic_noise`). They are nan where
-    the model converges for less than half of the draws.
+    (`linear_error`) and of the shapes (`linear_shape_error`), the damping of the modes, the calibration of each sensor
+    at each harmonic (`harmonic_error`), and the noise of a point (`harmonic_noise`). They are nan where the model
+    converges for less than half of the draws.
 
     Args:
-        data: the backbones, from `backbone_data`.
-        posterior: posterior of the class that predicts.
+        data: the backbones, from `backbone_data`; with a structure for the factors of the class.
+        model_class: the class that predicts, with these factors where there are any.
+        theta: (n, n_parameters) draws of its parameters.
         measured: the same backbones.
         rng: source of chance.
     """
-    theta = posterior.samples[rng.integers(len(posterior.samples), size=UPDATING.n_predicted)]
     bands = []
     for mode in data.modes:
         # All curves have the same draws, so that a band runs smoothly through the points of several.
         seed = int(rng.integers(2**63))
         points: dict[tuple[int, str, str], list[tuple[FloatArray, FloatArray]]] = {}
-        for curve in (one for one in measured if one.mode == mode.mode and one.harmonics):
-            own = np.random.default_rng(seed)
-            predicted = _predict_curve(data, mode, posterior.model_class, curve, theta, own)
+        curves = [one for one in measured if one.mode == mode.mode and one.harmonics]
+        for curve, answer in _solve(data, mode, model_class, theta, curves):
+            predicted = _predict_curve(data, answer, curve, np.random.default_rng(seed))
             for each, (band, part) in zip(curve.harmonics, predicted, strict=True):
                 rows = np.vstack([curve.controlled_amplitude, each.amplitude, band])
                 points.setdefault((each.order, each.sensor, curve.controlled_sensor), []).append((rows, part))
@@ -65,6 +72,36 @@ def predict_harmonics(
     return tuple(bands)
 
 
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """Backbones at the points of one curve, and the linear structures that answer to the forces of the joints."""
+
+    found: BackboneFamily
+    springs: list[PlacedTerm]
+    eigenvalue: FloatArray  # (n or 1, n_modes) of each structure; 1 where all draws have the same one
+    shapes: FloatArray  # (n or 1, n_sensors, n_modes)
+    extensions: FloatArray  # (n or 1, n_joints, n_modes)
+
+
+def _solve(
+    data: BackboneData, mode: ModeData, model_class: ModelClass, theta: FloatArray, curves: Sequence[MeasuredBackbone]
+) -> Iterator[tuple[MeasuredBackbone, _Answer]]:
+    """Yield each curve of a mode with its model; those with the same controlled sensor are solved at once."""
+    # Factors of the stiffness among the parameters give each draw a structure of its own.
+    structures = [find_system(data, model_class, row) for row in (theta[:1] if data.structure is None else theta)]
+    modes = [np.array([getattr(each, key) for each in structures]) for key in ("eigenvalue", "at_sensors", "at_joints")]
+    for sensor in dict.fromkeys(one.controlled_sensor for one in curves):
+        own = [one for one in curves if one.controlled_sensor == sensor]
+        amplitude = np.concatenate([one.controlled_amplitude for one in own])
+        solve = make_solver(data, model_class, mode, sensor, amplitude)
+        found, springs = solve(theta), solve.place_terms(theta)[0]
+        ends = np.cumsum([0, *(one.frequency_hz.size for one in own)])
+        for curve, (first, last) in zip(own, pairwise(ends), strict=True):
+            parts = {name: getattr(found, name)[:, first:last] for name in ("eigenvalue", "shapes", "extension")}
+            here = replace(found, amplitude=amplitude[first:last], converged=found.converged[:, first:last], **parts)
+            yield curve, _Answer(here, springs, *modes)
+
+
 def _find_met_mode(data: BackboneData, mode: ModeData, order: int, part: FloatArray) -> int | None:
     """Return the mode near a harmonic with the largest part in it, (n_modes,), if that is large among all."""
     low, high = (order**2 * end(mode.eigenvalue) for end in (np.min, np.max))
@@ -76,46 +113,34 @@ def _find_met_mode(data: BackboneData, mode: ModeData, order: int, part: FloatAr
 
 
 def _predict_curve(
-    data: BackboneData,
-    mode: ModeData,
-    model_class: ModelClass,
-    curve: MeasuredBackbone,
-    theta: FloatArray,
-    rng: np.random.Generator,
+    data: BackboneData, answer: _Answer, curve: MeasuredBackbone, rng: np.random.Generator
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield for each harmonic of one curve lower end, median and upper end, (3, n_points), and the part of each mode.
 
     The parts are the largest motions that single modes, (n_modes,), make of the sensor.
     """
-    system, noise, n = data.system, data.noise, len(theta)
+    noise, n = data.noise, len(answer.found.eigenvalue)
     orders = sorted({each.order for each in curve.harmonics})
-    solve = make_solver(data, model_class, mode, curve.controlled_sensor, curve.controlled_amplitude)
-    # Factors of the stiffness among the parameters give each draw a structure of its own.
-    rows_of_structure = theta[:1] if data.structure is None else theta
-    structures = [find_system(data, model_class, row) for row in rows_of_structure]
-    eigenvalue, shapes, extensions = (
-        np.array([getattr(each, key) for each in structures]) for key in ("eigenvalue", "at_sensors", "at_joints")
-    )
-    detuning = 1 + noise.linear_error * rng.standard_normal((n, eigenvalue.shape[1]))
+    detuning = 1 + noise.linear_error * rng.standard_normal((n, answer.eigenvalue.shape[1]))
     if data.met_damping is None:
         ratio = UPDATING.unknown_damping * np.abs(rng.standard_normal(n))
     else:
         ratio = data.met_damping * (1 + UPDATING.damping_error) ** rng.standard_normal(n)
     coordinates = find_higher_harmonics(
-        solve(theta), solve.place_terms(theta)[0], orders, at=curve.eigenvalue, eigenvalue=eigenvalue * detuning**2,
-        at_joints=np.broadcast_to(extensions, (n, *extensions.shape[1:])), damping_ratio=ratio,
+        answer.found, answer.springs, orders, at=curve.eigenvalue, eigenvalue=answer.eigenvalue * detuning**2,
+        at_joints=np.broadcast_to(answer.extensions, (n, *answer.extensions.shape[1:])), damping_ratio=ratio,
     )  # fmt: skip
-    motion = coordinates @ np.swapaxes(shapes, 1, 2)[:, None]
+    motion = coordinates @ np.swapaxes(answer.shapes, 1, 2)[:, None]
     # What a harmonic makes of the sensors is a shape with the error of the linear ones.
     errors = noise.linear_shape_error * rng.standard_normal((n, 1, *motion.shape[2:]))
     motion += np.linalg.norm(motion, axis=3, keepdims=True) * errors
     motion *= 1 + noise.harmonic_error * rng.standard_normal(errors.shape)
     level = noise.harmonic_noise * np.abs(curve.amplitude).max(axis=1)[:, None, None]
     motion += level * rng.standard_normal(motion.shape)
-    largest = np.nanmedian(np.abs(coordinates), axis=0).max(axis=0)
+    largest = np.median(np.abs(np.nan_to_num(coordinates)), axis=0).max(axis=0)
     for each in curve.harmonics:
-        order, sensor = orders.index(each.order), system.sensor(each.sensor)
-        yield find_band(motion[:, :, order, sensor]), largest[order] * np.abs(shapes[0, sensor])
+        order, sensor = orders.index(each.order), data.system.sensor(each.sensor)
+        yield find_band(motion[:, :, order, sensor]), largest[order] * np.abs(answer.shapes[0, sensor])
 
 
 # ---- contradictions --------------------------------------------------------------------------------

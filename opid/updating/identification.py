@@ -28,7 +28,7 @@ from opid.updating.measured import by_mode
 from opid.updating.model_class import DampingRatio, ModelClass, Prior, StiffnessFactor
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
-from opid.updating.result import BackboneBand, ClassPosterior, ForcedResponse, LinearPosterior, Updating
+from opid.updating.result import BackboneBand, ClassPosterior, ForcedResponse, HarmonicBand, LinearPosterior, Updating
 from opid.updating.sampling.samplers import require_nutpie
 from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
@@ -79,8 +79,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     responses, told = _predict_responses(study, data, best, linear)
     own = np.random.default_rng([study.seed, 6])
     damping = () if data.force is None else tuple(predict_damping(data, best, study.backbones, rng=own))
-    own = np.random.default_rng([study.seed, 8])
-    harmonics = () if best.has_no_effect else predict_harmonics(data, best, study.backbones, rng=own)
+    harmonics = _predict_harmonics(study, data, best, linear)
     confusion = None
     if study.n_confused:
         say("confusion of classes")
@@ -278,6 +277,17 @@ def _predict(
         others, extrapolated = predict_unmeasured(*drawn, study.prediction, study.backbones, rng=rng)
         bands, warnings = (*bands, *others), [*warnings, *extrapolated]
     return bands, warnings
+
+
+def _predict_harmonics(
+    study: UpdatingStudy, data: BackboneData, best: ClassPosterior, linear: LinearPosterior | None
+) -> tuple[HarmonicBand, ...]:
+    """Return the bands of the higher harmonics that were measured."""
+    if best.has_no_effect or not any(one.harmonics for one in study.backbones):
+        return ()
+    rng = np.random.default_rng([study.seed, 8])
+    drawn = _draw_with_factors(study, data, best, linear, UPDATING.n_predicted, rng)
+    return predict_harmonics(*drawn, study.backbones, rng=rng)
 
 
 def _draw_with_factors(

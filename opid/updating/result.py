@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.estimate import Estimate
 from opid.json_values import plain
@@ -459,7 +460,7 @@ class Updating(Result):
     @property
     def harmonics_within(self) -> dict[tuple[int, int], float]:
         """The fraction of the points of all sensors within their bands, by mode and harmonic; nan without any band."""
-        found: dict[tuple[int, int], list[FloatArray]] = {}
+        found: dict[tuple[int, int], list[NDArray[np.bool_]]] = {}
         for band in self.harmonics:
             inside = (band.measured >= band.low) & (band.measured <= band.high)
             found.setdefault((band.mode, band.order), []).append(inside[np.isfinite(band.low)])
