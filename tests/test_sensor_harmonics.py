@@ -16,12 +16,14 @@ from opid.mechanics.backbones.dissipation import PlacedTerm, find_higher_harmoni
 from opid.mechanics.backbones.family import backbone, family_evaluator
 from opid.mechanics.backbones.quadrature_curves import Specimen, quadrature_curve
 from opid.updating.harmonics import predict_harmonics, warn_of_harmonics
+from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import backbone_data, find_met_modes
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import SensorHarmonic, read_backbone, write_backbone
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.posterior import update_class
 from opid.updating.structure.reduction import reduce
+from opid.updating.study import UpdatingStudy
 from opid.virtual.backbone_tests.measured import convert_curve, synthetic_backbones
 from opid.virtual.backbone_tests.wing_engine import UPDATED, wing_engine_structure
 
@@ -389,3 +391,32 @@ def test_a_harmonic_that_a_curve_does_not_have_is_refused():
     )  # fmt: skip
     with pytest.raises(InputError, match="harmonic 5 is to be recorded: give numbers from 2 to 3"):
         convert_curve(curve, "plate 2", (5,))
+
+
+# ---- a whole study ---------------------------------------------------------------------------------
+
+
+def test_a_study_compares_harmonics_and_changes_nothing_else():
+    """Both phases: the factors of phase I move the modes that answer."""
+    curves = synthetic_backbones(
+        made.system(), made.CUBIC, (made.TRUTH,), rng=np.random.default_rng(2), modes=made.MODES, n_curves=(3, 2),
+        n_points=12, amplitude_m=made.AMPLITUDE_M, controlled_sensor="left", recorded=(3,),
+    )  # fmt: skip
+    study = UpdatingStudy(
+        "two arms", made.structure(), curves, (made.CUBIC,), n_samples=1000, n_internal=0,
+        parameters={"leaves": Prior("uniform", 0.3, 3.0)},
+    )  # fmt: skip
+    found = update_study(study)
+    plain = update_study(replace(study, backbones=tuple(replace(one, harmonics=()) for one in curves)))
+    np.testing.assert_array_equal(found.classes[0].samples, plain.classes[0].samples)
+    np.testing.assert_array_equal(found.prediction[0].high_hz, plain.prediction[0].high_hz)
+    assert found.warnings == plain.warnings
+    assert plain.harmonics == ()
+    assert len(found.harmonics) == 2 * len(made.SENSORS)
+    assert min(found.harmonics_within.values()) > 0.9
+    turned = update_study(
+        replace(study, backbones=change(curves, lambda each: each.amplitude * (-1 if each.sensor == "right" else 1)))
+    )
+    told = [warning for warning in turned.warnings if "harmonic 3 of sensor 'right'" in warning]
+    assert len(told) == 2
+    assert all("it has the opposite sign" in warning for warning in told)
