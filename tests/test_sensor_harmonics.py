@@ -6,7 +6,7 @@ from functools import cache
 import made_backbones as made
 import numpy as np
 import pytest
-from jointed_systems import CUBIC, two_pylons
+from jointed_systems import CUBIC, EVEN, two_pylons
 from made_chain import DOFS, curve_of
 from scipy.integrate import solve_ivp
 from shooting import shoot
@@ -15,6 +15,8 @@ from opid.errors import InputError
 from opid.mechanics.backbones.dissipation import PlacedTerm, find_higher_harmonics
 from opid.mechanics.backbones.family import backbone, family_evaluator
 from opid.mechanics.backbones.quadrature_curves import Specimen, quadrature_curve
+from opid.mechanics.laws.law import Law
+from opid.studies.study_file import read_study, write_study
 from opid.updating.harmonics import predict_harmonics, warn_of_harmonics
 from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import backbone_data, find_met_modes
@@ -146,35 +148,48 @@ def test_a_harmonic_of_another_length_or_number_is_refused(harmonic, words):
 # ---- the model -------------------------------------------------------------------------------------
 
 
-def higher_at_sensors(system, found, coefficient, orders, *, at=None, damping=0.0):
-    terms = [PlacedTerm("cubic_stiffness", np.array([[coefficient]]), np.ones(len(system.joints), dtype=bool))]
+def higher_at_sensors(system, found, law, orders, *, at=None, damping=0.0):
+    everywhere = np.ones(len(system.joints), dtype=bool)
     coordinates = find_higher_harmonics(
-        found, terms, orders, at=found.eigenvalue[0] if at is None else at, eigenvalue=system.eigenvalue[None],
+        found, [PlacedTerm(term.name, np.array([term.values]), everywhere) for term in law.terms], orders,
+        at=found.eigenvalue[0] if at is None else at, eigenvalue=system.eigenvalue[None],
         at_joints=system.at_joints[None], damping_ratio=np.array([damping]),
     )  # fmt: skip
     return coordinates[0] @ system.at_sensors.T
 
 
-@pytest.mark.parametrize("point", [0, 1])
-def test_harmonics_are_those_of_the_motion_in_time(point):
-    """The orbit is found by shooting and integrated once more; its Fourier coefficients are those of all sensors."""
-    amplitude = [5e-4, 1.2e-3]
-    given = {"mode": 4, "sensor": "tip 3", "amplitude": amplitude}
-    orbit = shoot(SYSTEM, CUBIC, backbone(SYSTEM, CUBIC, **given, harmonics=(1, 3, 5, 7, 9)), point=point)
+def integrate(law, orbit):
+    """Return the harmonics of all sensors, (n_sensors, 65), of a periodic motion, integrated once more in time."""
     n, period = SYSTEM.n_modes, 1 / orbit.frequency_hz
 
     def rate(_, state):
-        pushed = SYSTEM.at_joints.T @ CUBIC.force(SYSTEM.at_joints @ state[:n], 0.0)
+        pushed = SYSTEM.at_joints.T @ law.force(SYSTEM.at_joints @ state[:n], 0.0)
         return np.concatenate([state[n:], -SYSTEM.eigenvalue * state[:n] - pushed])
 
-    times = period * np.arange(128) / 128
-    start = np.concatenate([orbit.displacement, np.zeros(n)])
+    start, times = np.concatenate([orbit.displacement, np.zeros(n)]), period * np.arange(128) / 128
     states = solve_ivp(rate, (0, period), start, "DOP853", times, rtol=1e-11, atol=1e-14).y[:n]
-    spectrum = np.fft.rfft(SYSTEM.at_sensors @ states, axis=1).real / 64
-    found = family_evaluator(SYSTEM, ("cubic_stiffness",), **given, harmonics=(1, 3))([[6e7]])
-    third, fifth = higher_at_sensors(SYSTEM, found, 6e7, (3, 5))[point]
-    np.testing.assert_allclose(third, spectrum[:, 3], atol=3e-3 * np.abs(spectrum[:, 3]).max())
-    np.testing.assert_allclose(fifth, spectrum[:, 5], atol=0.03 * np.abs(spectrum[:, 5]).max())
+    return np.fft.rfft(SYSTEM.at_sensors @ states, axis=1).real / 64
+
+
+@pytest.mark.parametrize(
+    ("law", "used", "errors"),
+    [
+        (CUBIC, (1, 3), {3: 3e-3, 5: 0.03}),
+        (Law((*CUBIC.terms, *EVEN.terms)), (0, 1, 2, 3), {2: 1e-6, 3: 1e-4, 4: 2e-3}),
+    ],
+)
+@pytest.mark.parametrize("point", [0, 1])
+def test_harmonics_are_those_of_the_motion_in_time(law, used, errors, point):
+    """The motion in time is found by shooting; a harmonic that the backbone does not have has a larger error."""
+    given = {"mode": 4, "sensor": "tip 3", "amplitude": [2e-4, 1.2e-3] if 0 not in used else [2e-4, 5e-4]}
+    orbit = shoot(SYSTEM, law, backbone(SYSTEM, law, **given, harmonics=range(10)), point=point)
+    true = integrate(law, orbit)
+    values = [[value for term in law.terms for value in term.values]]
+    found = family_evaluator(SYSTEM, tuple(term.name for term in law.terms), **given, harmonics=used)(values)
+    for each, (order, error) in zip(
+        higher_at_sensors(SYSTEM, found, law, tuple(errors))[point], errors.items(), strict=True
+    ):
+        np.testing.assert_allclose(each, true[:, order], atol=error * np.abs(true[:, order]).max())
 
 
 def test_with_one_harmonic_of_the_backbone_the_third_is_a_perturbation():
@@ -182,8 +197,10 @@ def test_with_one_harmonic_of_the_backbone_the_third_is_a_perturbation():
     one, both = (
         family_evaluator(SYSTEM, ("cubic_stiffness",), **given, harmonics=used)([[6e7]]) for used in ((1,), (1, 3))
     )
-    exact = higher_at_sensors(SYSTEM, both, 6e7, (3,))[0, 0]
-    np.testing.assert_allclose(higher_at_sensors(SYSTEM, one, 6e7, (3,))[0, 0], exact, atol=0.02 * np.abs(exact).max())
+    exact = higher_at_sensors(SYSTEM, both, CUBIC, (3,))[0, 0]
+    np.testing.assert_allclose(
+        higher_at_sensors(SYSTEM, one, CUBIC, (3,))[0, 0], exact, atol=0.02 * np.abs(exact).max()
+    )
 
 
 @pytest.mark.parametrize(("damping", "largest_error"), [(3e-4, 0.005), (3e-3, 0.35)])
@@ -206,12 +223,12 @@ def test_where_a_mode_is_met_the_harmonics_are_those_of_a_test_with_one_force(da
     found = family_evaluator(
         smooth, ("cubic_stiffness",), mode=3, sensor="tip 1", amplitude=amplitude, harmonics=(1, 3)
     )([[6e7]])
-    third = higher_at_sensors(SYSTEM, found, 6e7, (3,), at=measured.eigenvalue, damping=damping)[:, 0]
+    third = higher_at_sensors(SYSTEM, found, CUBIC, (3,), at=measured.eigenvalue, damping=damping)[:, 0]
     seen = np.array([each.amplitude for each in measured.harmonics]).T
     error = np.abs(third - seen).max(axis=1) / np.abs(seen).max(axis=1)
     assert error.max() < largest_error
     assert abs(3 * measured.frequency_hz[-1] / SYSTEM.frequency_hz[MET] - 1) < 0.002
-    without = higher_at_sensors(smooth, found, 6e7, (3,), damping=damping)[:, 0]
+    without = higher_at_sensors(smooth, found, CUBIC, (3,), damping=damping)[:, 0]
     assert np.abs(without - seen)[-1].max() > 0.9 * np.abs(seen[-1]).max(), "it is the mode that is met that answers"
 
 
@@ -361,6 +378,30 @@ def test_a_test_with_one_force_on_a_damped_structure_is_not_told():
     assert "mode 9, which it nears, is not at" in warnings[0]
 
 
+def test_points_that_are_kept_in_an_interaction_have_bands_with_its_damping():
+    curves = wing_curves(0)
+    data = replace(backbone_data(wing(), curves), met_damping=0.003)
+    theta = np.random.default_rng(0).normal(1.58, 0.003, (400, 1))
+    kept, damped = (
+        predict_harmonics(each, made.CUBIC, theta, curves, rng=np.random.default_rng(1))
+        for each in (data, replace(data, met_damping=0.05))
+    )
+    assert np.mean([band.coverage for band in kept]) > 0.95
+    last = [
+        abs(band.predicted[-1]) for bands in (kept, damped) for band in bands if (band.mode, band.sensor) == (8, "1")
+    ]
+    assert last[1] < 0.3 * last[0], "mode 13, which is met there, hardly answers"
+
+
+def test_where_the_model_has_no_curve_there_is_no_band():
+    curves = wing_curves(0)
+    theta = np.tile([[1.58], [np.nan], [np.nan]], (100, 1))
+    bands = predict_harmonics(backbone_data(wing(), curves), made.CUBIC, theta, curves, rng=np.random.default_rng(1))
+    assert np.isnan([band.low for band in bands if band.mode == 7]).all()
+    assert np.isnan([band.coverage for band in bands]).all()
+    assert list(warn_of_harmonics(bands, backbone_data(wing(), curves))) == []
+
+
 def test_joints_that_slip_have_bands():
     slip = ModelClass("slip", (UncertainTerm("dahl_friction", (1.0, 1e-3), (Prior("uniform", 0.0, 10.0),) * 2),))
     curves = synthetic_backbones(
@@ -394,6 +435,21 @@ def test_a_harmonic_that_a_curve_does_not_have_is_refused():
 
 
 # ---- a whole study ---------------------------------------------------------------------------------
+
+
+def test_a_study_file_has_harmonics_and_their_errors(tmp_path):
+    curves = wing_curves(1)
+    noise = NoiseSettings(harmonic_error=0.01, harmonic_noise=2e-4)
+    study = UpdatingStudy(
+        "harmonics", wing_engine_structure(), curves, (made.CUBIC,), noise=noise,
+        parameters=dict.fromkeys(UPDATED, Prior("uniform", 0.05, 5.0)),
+    )  # fmt: skip
+    write_study(study, tmp_path / "study.toml")
+    again = read_study(tmp_path / "study.toml")
+    assert (again.noise.harmonic_error, again.noise.harmonic_noise) == (0.01, 2e-4)
+    for one, other in zip(again.backbones, curves, strict=True):
+        assert [(each.sensor, each.order) for each in one.harmonics] == [(name, 3) for name in wing().sensors]
+        np.testing.assert_array_equal(one.harmonics[4].amplitude, other.harmonics[4].amplitude)
 
 
 def test_a_study_compares_harmonics_and_changes_nothing_else():

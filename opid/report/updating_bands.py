@@ -35,6 +35,7 @@ def tabulate_coverage(result: Updating) -> Table:
             if any(value is not None for values in found.values() for value in values):
                 rows.append((words, *(_join(value for value in found[mode] if value is not None) for mode in modes)))
     within = result.harmonics_within
+    unseen = " No class was fitted to higher harmonics." if within else ""
     for order in sorted({order for _, order in within}):
         cells = (format_fraction(within.get((mode, order), math.nan)) for mode in modes)
         rows.append((f"harmonic {order}, all sensors", *cells))
@@ -55,7 +56,7 @@ def tabulate_coverage(result: Updating) -> Table:
         tuple(rows),
         note="Fraction of the measured points within the 95 % band of the best class. The class was fitted to these "
         "points: it shows whether the errors are as large as assumed. Curves that are left out in turn, and judged by "
-        f"the band that the others give, are new to it: 92 to 98 % is as it should be.{others}{gaps}",
+        f"the band that the others give, are new to it: 92 to 98 % is as it should be.{others}{unseen}{gaps}",
     )
 
 
