@@ -476,7 +476,7 @@ def _updating() -> Json:
     linear |= rank | {"best": table(NUMBER)}
     of_mode = [each.name for each in fields(LinearMode) if each.name != "initial_shape"]
     linear["modes"] = array(keys(fields_of(LinearMode, *of_mode)))
-    measured = fields_of(MeasuredBackbone, "name", "mode", "controlled_sensor", "frequency_hz", "force_n")
+    measured = fields_of(MeasuredBackbone, "name", "mode", "controlled_sensor", "frequency_hz", "force_n", "harmonics")
     measured["drive"] = or_null(TEXT)
     measured["amplitude"] = table(NUMBERS) | {"description": "m, by sensor"}
     top = (
@@ -486,6 +486,7 @@ def _updating() -> Json:
         "prediction",
         "damping",
         "responses",
+        "harmonics",
         "warnings",
         "not_determined",
         "settings",

@@ -15,6 +15,7 @@ from opid.updating.result import (
     BackboneBand,
     ClassPosterior,
     ForcedResponse,
+    HarmonicBand,
     LinearMode,
     LinearPosterior,
     SensorBand,
@@ -177,6 +178,20 @@ def small_responses():
                 tuple(drawn * amplitude), *peaks, is_extrapolated=not has_interval,
             )
         )  # fmt: skip
+    return tuple(found)
+
+
+def small_harmonics():
+    """The third harmonic of two sensors in the first mode, and of one in the second, which has no band at its end."""
+    found = []
+    for mode, sensor, share in ((1, "9", 0.01), (1, "10", -0.02), (2, "10", 0.01)):
+        amplitude = np.linspace(0.2e-3, (4.0e-3, 2.5e-3)[mode - 1], 12)
+        motion = share * amplitude**3 / amplitude[-1] ** 2
+        low, high = np.sort([0.8 * motion, 1.2 * motion], axis=0)
+        if mode == 2:
+            low[-2:] = high[-2:] = np.nan
+        seen = motion * np.where(np.arange(12) < 3, 1.5, 1.0)
+        found.append(HarmonicBand(mode, 3, sensor, CONTROLLED, amplitude, seen, motion, low, high, 0.75, None))
     return tuple(found)
 
 

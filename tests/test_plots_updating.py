@@ -10,6 +10,7 @@ from made_updating import (
     CUBIC,
     SENSORS,
     small_bands,
+    small_harmonics,
     small_linear,
     small_measured,
     small_motions,
@@ -65,6 +66,7 @@ DRAWN = {
     "predicted without curves": lambda: plots.predicted_backbones(small_bands(sensors=SENSORS[:1]), (), 1),
     "predicted_motions": lambda: plots.predicted_motions(small_motions(), small_measured()),
     "forced_responses": lambda: plots.forced_responses(small_responses()),
+    "higher_harmonics": lambda: plots.higher_harmonics(small_harmonics()[:2]),
     "log_evidences": lambda: plots.log_evidences(small_updating()),
     "joint_forces": forces,
     "linear_updating": lambda: plots.linear_updating(small_linear()),
@@ -83,6 +85,15 @@ def test_every_figure_draws_with_labels(name):
     lowest = axes_of(drawn)[-1]
     if name != "linear_updating":
         assert lowest.get_xlabel()
+
+
+def test_a_band_that_opens_does_not_hide_the_points_of_a_harmonic():
+    first, *_ = small_harmonics()
+    high = first.high.copy()
+    high[-1] = 1.0
+    (ax,) = axes_of(plots.higher_harmonics([replace(first, high=high)]))
+    assert ax.get_ylabel() == "harmonic 3 [mm]"
+    assert np.abs(1e3 * first.measured).max() < ax.get_ylim()[1] < 0.1
 
 
 @pytest.mark.parametrize("n_parameters", [1, 2, 7])

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from made_updating import CUBIC, small_motions, small_system, small_truth, small_updating
+from made_updating import CUBIC, small_harmonics, small_motions, small_system, small_truth, small_updating
 
 import opid
 from opid.errors import InputError
@@ -255,6 +255,30 @@ def test_motions_of_every_sensor_are_counted_and_drawn_in_a_part_that_is_folded(
     assert [row[0] for row in rows[1:]] == ["its curves left out in turn", "all curves of the mode left out"]
     assert rows[2][1:] == ("90 %", "90 %")
     assert "motion within its band" not in tables_of(result)
+
+
+def test_harmonics_of_every_sensor_are_counted_and_drawn_in_a_part_that_is_folded(result):
+    harmonics = small_harmonics()
+    told = replace(result, harmonics=harmonics)
+    assert told.harmonics_within == {(1, 3): pytest.approx(0.75), (2, 3): pytest.approx(0.7)}
+    tables = tables_of(told)
+    assert tables["harmonic within its band"].rows == (
+        ("sensor 9, harmonic 3", "75 %", "-"),
+        ("sensor 10, harmonic 3", "75 %", "75 %"),
+    )
+    assert ("harmonic 3, all sensors", "75 %", "70 %") in tables["within the band"].rows
+    names = [figure.name for figure in build_document(told).figures]
+    assert [name for name in names if name.startswith("harmonic")] == ["harmonic_3_mode_1", "harmonic_3_mode_2"]
+    rows = {row.name: row.value for row in told.summary()}
+    assert rows["mode 1, harmonic 3: points within the band"] == pytest.approx(0.75)
+    written = told.to_dict()["harmonics"]
+    assert [(each["mode"], each["order"], each["sensor"]) for each in written] == [
+        (1, 3, "9"),
+        (1, 3, "10"),
+        (2, 3, "10"),
+    ]
+    assert written[-1]["low"][-1] is None
+    assert "harmonic" not in opid.text(result)
 
 
 def test_modes_without_curves_have_a_table_and_a_figure(result):

@@ -16,7 +16,7 @@ from made_flights import body_result, write_result
 from made_health import sound_health
 from made_modal import small_decay, small_result
 from made_resonance import curves_study, held_study, two_modes
-from made_updating import small_responses, small_updating
+from made_updating import small_harmonics, small_responses, small_updating
 from scripts import script
 
 import opid
@@ -163,7 +163,7 @@ def resonances(request, folder):
 
 
 def updating(request, folder):
-    return small_updating(responses=small_responses())
+    return small_updating(responses=small_responses(), harmonics=small_harmonics())
 
 
 def inspection(request, folder):

@@ -84,6 +84,7 @@ from .updating import (
     ForceBand as ForceBand,
     effective_damping as effective_damping,
     forced_responses as forced_responses,
+    higher_harmonics as higher_harmonics,
     joint_forces as joint_forces,
     linear_updating as linear_updating,
     log_evidences as log_evidences,

@@ -38,6 +38,7 @@ from opid.updating.result import (
     ClassPosterior,
     DampingBand,
     ForcedResponse,
+    HarmonicBand,
     LinearPosterior,
     ModeShape,
     Updating,
@@ -71,6 +72,8 @@ _HELD: dict[str, Any] = {"color": BLUE, "marker": "o", "markersize": 4, "label":
 _FREE: dict[str, Any] = {
     "color": VERMILION, "marker": "s", "markersize": 6, "markerfacecolor": "none", "label": "free modes",
 }  # fmt: skip
+
+_PANEL_OVER_POINTS = 1.5  # a panel of a harmonic reaches at most this many times as far as its points
 
 _WITHIN = (0.5, 0.9, 0.99)  # the contours of the Gaussian hold these fractions of its samples
 _N_RUNNING = 400  # running moments have about this many points: they are smooth
@@ -265,7 +268,7 @@ def predicted_motions(band: BackboneBand, measured: Sequence[MeasuredBackbone], 
     columns = min(n, _SMALL_COLUMNS) if axes is None else n
     with house_style():
         grid = panels_in_rows(axes, n, columns, height_in=0.7 + 1.5 * -(-n // columns), sharex=True)
-        for number, (ax, own) in enumerate(zip(grid.ravel(), band.sensors, strict=False)):
+        for ax, own in zip(grid.ravel(), band.sensors, strict=False):
             low, motion, high = (each / band.amplitude for each in (own.low, own.motion, own.high))
             ax.fill_between(factor * band.amplitude, low, high, color=VERMILION, alpha=0.22, linewidth=0)
             ax.plot(factor * band.amplitude, motion, color=VERMILION, linewidth=1.2)
@@ -275,14 +278,53 @@ def predicted_motions(band: BackboneBand, measured: Sequence[MeasuredBackbone], 
                     factor * np.abs(held), values / held, color=INK, linestyle="none", marker=".", markersize=1.5,
                     alpha=0.45,
                 )  # fmt: skip
-            ax.set_title(f"sensor {own.sensor}", fontsize=8)
-            ax.tick_params(labelsize=7, labelbottom=number >= n - columns)
-            ax.xaxis.set_major_locator(MaxNLocator(nbins=3))
-            ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
-        for row in grid:
-            row[0].set_ylabel("ratio of motions", fontsize=8)
-        for ax in grid.ravel()[max(0, n - columns) : n]:
-            ax.set_xlabel(f"sensor {band.sensor} [{unit}]", fontsize=8)
+        along = f"sensor {band.sensor} [{unit}]"
+        _label_small_panels(grid, columns, [own.sensor for own in band.sensors], along, "ratio of motions")
+    return grid
+
+
+def _label_small_panels(grid: np.ndarray, columns: int, sensors: Sequence[str], along: str, across: str) -> None:
+    n = len(sensors)
+    for number, (ax, sensor) in enumerate(zip(grid.ravel(), sensors, strict=False)):
+        ax.set_title(f"sensor {sensor}", fontsize=8)
+        ax.tick_params(labelsize=7, labelbottom=number >= n - columns)
+        ax.xaxis.set_major_locator(MaxNLocator(nbins=3))
+        ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    for row in grid:
+        row[0].set_ylabel(across, fontsize=8)
+    for ax in grid.ravel()[max(0, n - columns) : n]:
+        ax.set_xlabel(along, fontsize=8)
+
+
+def higher_harmonics(bands: Sequence[HarmonicBand], axes: Any = None) -> np.ndarray:
+    """Draw a higher harmonic of each sensor over the amplitude of the controlled one with its 95 % band.
+
+    Args:
+        bands: those of one mode and harmonic; one small panel each. A band breaks off where it is nan, and its ends are
+            not drawn where they would hide the points.
+        axes: as many Axes as panels, or None for a new figure.
+
+    Returns:
+        Axes, in rows of five; those without a sensor are empty.
+    """
+    n = len(bands)
+    columns = min(n, _SMALL_COLUMNS) if axes is None else n
+    along, along_unit = _choose_length_unit(max(float(band.amplitude.max()) for band in bands))
+    factor, unit = _choose_length_unit(max(float(np.abs(band.measured).max()) for band in bands))
+    with house_style():
+        grid = panels_in_rows(axes, n, columns, height_in=0.7 + 1.5 * -(-n // columns), sharex=True)
+        for ax, band in zip(grid.ravel(), bands, strict=False):
+            low, middle, high, seen = (factor * each for each in (band.low, band.predicted, band.high, band.measured))
+            held = along * band.amplitude
+            ax.fill_between(held, low, high, color=VERMILION, alpha=0.22, linewidth=0)
+            ax.plot(held, middle, color=VERMILION, linewidth=1.2)
+            ax.plot(held, seen, color=INK, linestyle="none", marker=".", markersize=1.5, alpha=0.45)
+            # In an interaction a band is many times as wide as the points are far from each other.
+            most = _PANEL_OVER_POINTS * max(float(np.abs(seen).max()), float(np.nanmedian(np.abs(high - low))))
+            ax.set_ylim(max(ax.get_ylim()[0], -most), min(ax.get_ylim()[1], most))
+        held_at = f"sensor {', '.join(dict.fromkeys(band.controlled_sensor for band in bands))} [{along_unit}]"
+        across = f"harmonic {bands[0].order} [{unit}]"
+        _label_small_panels(grid, columns, [band.sensor for band in bands], held_at, across)
     return grid
 
 

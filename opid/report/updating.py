@@ -32,8 +32,10 @@ from opid.report.formulas import embed_formula
 from opid.report.sketch import sketch_joints
 from opid.report.updating_bands import (
     format_fraction,
+    list_harmonic_figures,
     list_predicted_figures,
     tabulate_coverage,
+    tabulate_harmonics,
     tabulate_motions,
     tabulate_responses,
     tabulate_unmeasured,
@@ -96,6 +98,7 @@ def build_document(result: Updating, truth: UpdatingTruth | None = None) -> Docu
         tabulate_unmeasured(result),
         tabulate_responses(result),
         tabulate_motions(result),
+        tabulate_harmonics(result),
     )
     return Document(
         result.title or "Bayesian updating",
@@ -409,6 +412,7 @@ def list_figures(result: Updating, truth: UpdatingTruth | None) -> Iterator[Figu
     for mode in predicted:
         yield _build_predicted_figure(result, mode, is_first=mode == predicted[0])
     yield from list_predicted_figures(result)
+    yield from list_harmonic_figures(result)
     if result.damping:
         yield _build_damping_figure(result)
     for number, posterior in kept:

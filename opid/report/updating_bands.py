@@ -1,4 +1,4 @@
-"""What a report says of the prediction of an updating: coverage, every sensor, modes without curves, forces."""
+"""What a report says of predictions of an updating: coverage, every sensor, harmonics, modes without curves, forces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from opid.report.document import Figure, Row, Table, build_columns
 from opid.report.estimates import build_estimate_row, tabulate_estimates
 from opid.updating.result import SensorBand, Updating
 
-_MOTIONS = "Motion of every sensor"  # title of the part of the page that a reader opens
+# titles of the parts of the page that a reader opens
+_MOTIONS = "Motion of every sensor"
+_HARMONICS = "Higher harmonics of every sensor"
 
 
 def tabulate_coverage(result: Updating) -> Table:
@@ -32,6 +34,11 @@ def tabulate_coverage(result: Updating) -> Table:
             found = {mode: [getattr(band, name) for band in own if band.mode == mode] for mode in modes}
             if any(value is not None for values in found.values() for value in values):
                 rows.append((words, *(_join(value for value in found[mode] if value is not None) for mode in modes)))
+    within = result.harmonics_within
+    unseen = " No class was fitted to higher harmonics." if within else ""
+    for order in sorted({order for _, order in within}):
+        cells = (format_fraction(within.get((mode, order), math.nan)) for mode in modes)
+        rows.append((f"harmonic {order}, all sensors", *cells))
     gaps = "".join(
         f" The band of mode {band.mode} has no frequency at {band.n_missing} of its {band.amplitude.size} "
         "amplitudes, where most draws of the parameters have no backbone; its figure has a gap there."
@@ -49,7 +56,7 @@ def tabulate_coverage(result: Updating) -> Table:
         tuple(rows),
         note="Fraction of the measured points within the 95 % band of the best class. The class was fitted to these "
         "points: it shows whether the errors are as large as assumed. Curves that are left out in turn, and judged by "
-        f"the band that the others give, are new to it: 92 to 98 % is as it should be.{others}{gaps}",
+        f"the band that the others give, are new to it: 92 to 98 % is as it should be.{others}{unseen}{gaps}",
     )
 
 
@@ -68,6 +75,25 @@ def tabulate_motions(result: Updating) -> Table:
         note="Fraction of the measured motions of each sensor, at the amplitudes of the controlled one, within the "
         "95 % band that the other curves give, each curve left out in turn; in brackets within that of all curves.",
         fold=_MOTIONS,
+    )
+
+
+def tabulate_harmonics(result: Updating) -> Table:
+    """Return the fraction of points of higher harmonics within their bands, with a row a sensor and a column a mode."""
+    found: dict[tuple[str, int], dict[int, list[float]]] = {}
+    for band in result.harmonics:
+        found.setdefault((band.sensor, band.order), {}).setdefault(band.mode, []).append(band.coverage)
+    modes = sorted({band.mode for band in result.harmonics})
+    return Table(
+        build_columns("harmonic within its band", *(f"mode {mode}" for mode in modes)),
+        tuple(
+            (f"sensor {sensor}, harmonic {order}", *(_join(iter(own.get(mode, ()))) for mode in modes))
+            for (sensor, order), own in found.items()
+        ),
+        note="Fraction of the measured points of each higher harmonic within the 95 % band of the best class. No class "
+        "was fitted to them. Errors of the structure are common to all points of a sensor, so that most sensors have "
+        "nearly all of their points within the band, and a few have none.",
+        fold=_HARMONICS,
     )
 
 
@@ -141,6 +167,24 @@ def list_predicted_figures(result: Updating) -> Iterator[Figure]:
             else f"Relative to sensor {band.sensor}.",
             lambda band=band: plots.predicted_motions(band, result.measured),  # type: ignore[misc]
             fold=_MOTIONS,
+        )
+
+
+def list_harmonic_figures(result: Updating) -> Iterator[Figure]:
+    """Yield a figure for each mode and higher harmonic that was measured, which a reader opens."""
+    for number, (mode, order) in enumerate(result.harmonics_within):
+        bands = [band for band in result.harmonics if (band.mode, band.order) == (mode, order)]
+        yield Figure(
+            f"harmonic_{order}_mode_{mode}",
+            f"Mode {mode}: harmonic {order} of every sensor",
+            "Amplitude at the multiple of the frequency over that of the controlled sensor, and its 95 % band at the "
+            "measured points by the best class, which was not fitted to them; below 0 it is smallest where the "
+            "controlled sensor is farthest out. The band opens where the harmonic meets another mode. Points that "
+            "leave it ask for another law, or for that mode elsewhere."
+            if number == 0
+            else "",
+            lambda bands=bands: plots.higher_harmonics(bands),  # type: ignore[misc]
+            fold=_HARMONICS,
         )
 
 

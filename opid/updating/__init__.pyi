@@ -10,6 +10,7 @@ from .linear_updating import update_linear as update_linear
 from .measured import (
     MeasuredBackbone as MeasuredBackbone,
     Place as Place,
+    SensorHarmonic as SensorHarmonic,
     read_backbone as read_backbone,
     read_result_backbones as read_result_backbones,
     write_backbone as write_backbone,
@@ -31,6 +32,7 @@ from .result import (
     BackboneBand as BackboneBand,
     ClassPosterior as ClassPosterior,
     ForcedResponse as ForcedResponse,
+    HarmonicBand as HarmonicBand,
     LinearPosterior as LinearPosterior,
     SensorBand as SensorBand,
     Updating as Updating,

@@ -15,8 +15,8 @@ from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
 from opid.updating.checks import warn_of_overlaps
 from opid.updating.confusion import find_confusion
-from opid.updating.damping_prediction import predict_damping
-from opid.updating.forced_response import predict_responses
+from opid.updating.forced_response import predict_damping, predict_responses
+from opid.updating.harmonics import predict_harmonics, warn_of_harmonics
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
 from opid.updating.likelihood.error_growth import growth_of_linear_error
 from opid.updating.likelihood.force import force_data
@@ -28,7 +28,7 @@ from opid.updating.measured import by_mode
 from opid.updating.model_class import DampingRatio, ModelClass, Prior, StiffnessFactor
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
-from opid.updating.result import BackboneBand, ClassPosterior, ForcedResponse, LinearPosterior, Updating
+from opid.updating.result import BackboneBand, ClassPosterior, ForcedResponse, HarmonicBand, LinearPosterior, Updating
 from opid.updating.sampling.samplers import require_nutpie
 from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
@@ -79,6 +79,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     responses, told = _predict_responses(study, data, best, linear)
     own = np.random.default_rng([study.seed, 6])
     damping = () if data.force is None else tuple(predict_damping(data, best, study.backbones, rng=own))
+    harmonics = _predict_harmonics(study, data, best, linear)
     confusion = None
     if study.n_confused:
         say("confusion of classes")
@@ -108,6 +109,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
             *lost,
             *warn_of_classes(classes),
             *warn_of_choice(classes, bands),
+            *warn_of_harmonics(harmonics, data),
             *gone,
             *told,
         ),
@@ -118,6 +120,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         places=study.places,
         damping=damping,
         responses=responses,
+        harmonics=harmonics,
     )
 
 
@@ -274,6 +277,17 @@ def _predict(
         others, extrapolated = predict_unmeasured(*drawn, study.prediction, study.backbones, rng=rng)
         bands, warnings = (*bands, *others), [*warnings, *extrapolated]
     return bands, warnings
+
+
+def _predict_harmonics(
+    study: UpdatingStudy, data: BackboneData, best: ClassPosterior, linear: LinearPosterior | None
+) -> tuple[HarmonicBand, ...]:
+    """Return the bands of the higher harmonics that were measured."""
+    if best.has_no_effect or not any(one.harmonics for one in study.backbones):
+        return ()
+    rng = np.random.default_rng([study.seed, 8])
+    drawn = _draw_with_factors(study, data, best, linear, UPDATING.n_predicted, rng)
+    return predict_harmonics(*drawn, study.backbones, rng=rng)
 
 
 def _draw_with_factors(

@@ -1,13 +1,15 @@
 """Measured backbones, frequency and amplitude of each sensor at phase resonance, from CSV files, decays and resonances.
 
-A CSV file has a column of frequencies and one of first-harmonic amplitudes for each sensor, in any unit of motion. The
-result.json of `opid decay` or `opid resonance` gives the amplitude of one sensor.
+A CSV file has a column of frequencies and one of first-harmonic amplitudes for each sensor, in any unit of motion, and
+may have columns of higher harmonics. The result.json of `opid decay` or `opid resonance` gives the amplitude of one
+sensor.
 """
 
 from __future__ import annotations
 
 import csv
 import os
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +19,7 @@ import numpy as np
 
 from opid.errors import InputError, nearest
 from opid.mechanics.backbones.jointed_modes import JointedModes
+from opid.mechanics.structure import read_only
 from opid.provenance import ReadFile, read_file
 from opid.result import load_document
 from opid.signals.files import write_whole
@@ -31,6 +34,9 @@ LEAST_POINTS = 3  # points of a backbone: fewer do not make a curve
 
 COMMANDS = {"opid.decay/1": "decay", "opid.resonance/1": "resonance"}
 """The commands whose result.json holds backbones, by the schema."""
+
+HIGHER = re.compile(r"(.+)_h([2-9]|[1-9]\d+)")
+"""The column of a higher harmonic: sensor, then its number."""
 
 # units of columns that are left out: force, voltage, current, phase, strain
 NO_MOTION = ("N", "V", "A", "rad", "1", "strain", "N*m")
@@ -63,6 +69,35 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
+class SensorHarmonic:
+    """A higher harmonic of the motion of one sensor along a backbone.
+
+    Args:
+        sensor: name of the sensor.
+        order: number of the harmonic, from 2.
+        amplitude: (n_points,) its amplitude a_h, m, in the motion sum_h a_h cos(h omega t) in which that of the
+            controlled sensor at its first harmonic is positive.
+
+    Raises:
+        InputError: a number below 2, or values that are not finite.
+    """
+
+    sensor: str
+    order: int
+    amplitude: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "amplitude", read_only(self.amplitude))
+        if self.order != int(self.order) or self.order < 2:
+            raise InputError(f"harmonic {self.order} of {self.sensor!r} is no higher one: give a whole number from 2")
+        if not np.isfinite(self.amplitude).all():
+            raise InputError(
+                f"harmonic {self.order} of {self.sensor!r} has values that are not finite: leave its column or these "
+                "points out"
+            )
+
+
+@dataclass(frozen=True, eq=False)
 class MeasuredBackbone:
     """One backbone of one mode, measured in one test.
 
@@ -79,10 +114,12 @@ class MeasuredBackbone:
         force_n: (n_points,) the part of the force that works, N: the work of a cycle over pi times the amplitude of the
             drive point, which is the force where it is in quadrature with the drive point; None where it is not known.
         day: what the curves of one test day have in common, such as its date; "" where it is not known.
+        harmonics: higher harmonics of some of the sensors.
 
     Raises:
         InputError: too few points, counts that do not match, values that are not finite or not positive, an amplitude
-            at the controlled sensor that does not grow, or a force without a drive point that is one of the sensors.
+            at the controlled sensor that does not grow, a force without a drive point that is one of the sensors, or a
+            higher harmonic that is given twice, of no sensor, or larger than any first one.
     """
 
     name: str
@@ -95,6 +132,7 @@ class MeasuredBackbone:
     drive: str = ""
     force_n: FloatArray | None = None
     day: str = ""
+    harmonics: tuple[SensorHarmonic, ...] = ()
 
     def __post_init__(self) -> None:
         frequency, amplitude = (np.array(getattr(self, key), dtype=np.float64) for key in ("frequency_hz", "amplitude"))
@@ -133,6 +171,30 @@ class MeasuredBackbone:
             object.__setattr__(self, key, array)
         object.__setattr__(self, "sensors", sensors)
         self._check_force()
+        object.__setattr__(self, "harmonics", tuple(self.harmonics))
+        self._check_harmonics()
+
+    def _check_harmonics(self) -> None:
+        columns = [(each.sensor, each.order) for each in self.harmonics]
+        largest = np.abs(self.amplitude).max(axis=1)
+        for each in self.harmonics:
+            named = f"harmonic {each.order} of {each.sensor!r} in backbone {self.name!r}"
+            if each.sensor not in self.sensors:
+                hint = nearest(each.sensor, self.sensors)
+                raise InputError(f"{named} belongs to no sensor with a first harmonic: give that, too, or {hint}")
+            if columns.count((each.sensor, each.order)) > 1:
+                raise InputError(f"{named} is given twice: leave one out")
+            if each.amplitude.shape != self.frequency_hz.shape:
+                raise InputError(
+                    f"{named} has the shape {each.amplitude.shape} for {self.frequency_hz.size} points: give one "
+                    "number for each"
+                )
+            if (np.abs(each.amplitude) > largest).any():
+                at = int(np.argmax(np.abs(each.amplitude) / largest))
+                raise InputError(
+                    f"{named} is {abs(each.amplitude[at]):.3g} m at point {at + 1}, where no first harmonic is more "
+                    f"than {largest[at]:.3g} m: correct its unit, or leave it out"
+                )
 
     def _check_force(self) -> None:
         if (self.force_n is None) != (not self.drive):
@@ -226,19 +288,22 @@ def read_backbone(
         path: a text with a header: `frequency_hz` (or `frequency [Hz]`, `omega [rad/s]`) and one column for each sensor
             with the amplitude of its first harmonic, the unit in brackets (`10 [mm]`); columns are separated by commas,
             semicolons or tabs. An acceleration is divided by (2 pi f)^2, a velocity by 2 pi f. Columns of a voltage or
-            a phase are left out, and those of a force without a drive point.
+            a phase are left out, and those of a force without a drive point. `10_h3 [mm]` is the third harmonic of the
+            sensor `10`, positive where it is largest together with the first one of the controlled sensor (both as
+            this quantity); its acceleration is divided by (2 pi 3 f)^2.
         mode: number of the mode, from 1.
         controlled_sensor: the sensor at whose amplitudes the model is solved.
         sensors: sensors of the structure: any other column of motion is refused; where left out, every column of
             motion is a sensor.
-        unit: unit of the columns that state none; metres where left out.
+        unit: unit of the columns that state none; metres where left out. A higher harmonic has that of the first one.
         name: name of the backbone; that of the file where left out.
         drive: the sensor at which the force of the file acts, whose column has a unit of force, like `force [N]`.
 
     Raises:
         InputError: no such file, no header, no or two columns of frequencies, a column that is not a sensor, a unit
             that is not one of motion, a drive point without one column of a force, a cell that is not a number,
-            amplitudes that no structure has, metres that are called millimetres, or what `MeasuredBackbone` refuses.
+            amplitudes that no structure has, metres that are called millimetres, an even harmonic of a velocity, or
+            what `MeasuredBackbone` refuses.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as directory:
@@ -332,14 +397,16 @@ def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> 
         InputError: a directory that is not there, or a sensor whose name a header cannot hold.
     """
     for sensor in backbone.sensors:
-        if split_unit(f"{sensor} [m]") != (sensor, "m") or "\n" in sensor or sensor.casefold() in FREQUENCY_NAMES:
+        is_plain = split_unit(f"{sensor} [m]") == (sensor, "m") and not HIGHER.fullmatch(sensor)
+        if not is_plain or "\n" in sensor or sensor.casefold() in FREQUENCY_NAMES:
             raise InputError(f"the sensor {sensor!r} cannot be the name of a column of {path}: rename it")
     with write_whole(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         force = [] if backbone.force_n is None else [backbone.force_n]
-        header = ["frequency_hz", *(f"{sensor} [m]" for sensor in backbone.sensors), *["force [N]"] * len(force)]
-        writer.writerow(header)
-        for row in np.column_stack([backbone.frequency_hz, backbone.amplitude, *force]):
+        higher = {f"{each.sensor}_h{each.order} [m]": each.amplitude for each in backbone.harmonics}
+        motions = (f"{sensor} [m]" for sensor in backbone.sensors)
+        writer.writerow(["frequency_hz", *motions, *higher, *["force [N]"] * len(force)])
+        for row in np.column_stack([backbone.frequency_hz, backbone.amplitude, *higher.values(), *force]):
             writer.writerow([repr(float(value)) for value in row])
 
 
@@ -351,10 +418,14 @@ def _read_curve(
     own: dict[str, FloatArray] = {}
     units: dict[str, str | None] = {}
     forces: dict[str, FloatArray] = {}
+    higher: list[tuple[str, int, str | None, FloatArray]] = []
     for index, cell in enumerate(header):
         if index == column:
             continue
         sensor, given = (cell, None) if sensors is not None and cell in sensors else split_unit(cell)
+        if (split := HIGHER.fullmatch(sensor)) and sensor not in (sensors or ()):
+            higher.append((split[1], int(split[2]), given, values[:, index]))
+            continue
         factor, quantity = to_si(given or unit or "m")
         if quantity == "N":
             forces[cell] = factor * values[:, index]
@@ -377,17 +448,39 @@ def _read_curve(
             "give one, like 'force [N]'"
         )
     force = next(iter(forces.values())) if drive else None
-    return MeasuredBackbone(name, mode, controlled, frequency_hz, amplitude, tuple(order), drive=drive, force_n=force)
+    # A motion that begins half a period later has odd harmonics of the other sign.
+    turn = np.sign(own[controlled]) if controlled in own else np.ones_like(frequency_hz)
+    harmonics = []
+    for sensor, number, given, column_of_it in higher:
+        motion = _to_displacement(sensor, given or units.get(sensor) or unit, column_of_it, frequency_hz, number)
+        if motion is not None:
+            harmonics.append(SensorHarmonic(sensor, number, motion * turn**number))
+    return MeasuredBackbone(
+        name, mode, controlled, frequency_hz, amplitude, tuple(order), drive=drive, force_n=force,
+        harmonics=tuple(harmonics),
+    )  # fmt: skip
 
 
-def _to_displacement(sensor: str, unit: str | None, values: FloatArray, frequency_hz: FloatArray) -> FloatArray | None:
-    """Return the amplitude of displacement, m; None for a column of another quantity."""
+def _to_displacement(
+    sensor: str, unit: str | None, values: FloatArray, frequency_hz: FloatArray, order: int = 1
+) -> FloatArray | None:
+    """Return the amplitude of a harmonic of displacement, m; None for a column of another quantity.
+
+    The signs of the n-th derivative are those against its own first harmonic at the controlled sensor, which leads that
+    of the displacement by n quarters of its period, and harmonic h by n quarters of its own.
+    """
     factor, quantity = to_si(unit or "m")
     if quantity in NO_MOTION:
         return None
     if quantity not in DERIVATIVES:
         raise InputError(f"the amplitude of sensor {sensor!r} is in {unit!r}: give a unit of motion, like mm or m/s^2")
-    return factor * values / (2 * np.pi * frequency_hz) ** DERIVATIVES[quantity]
+    quarters = DERIVATIVES[quantity] * (order - 1)
+    if quarters % 2:
+        raise InputError(
+            f"harmonic {order} of {sensor!r} is that of a velocity, whose sign does not tell its phase: give an "
+            "acceleration or a displacement"
+        )
+    return (-1) ** (quarters // 2) * factor * values / (2 * np.pi * order * frequency_hz) ** DERIVATIVES[quantity]
 
 
 def _require_credible(own: dict[str, FloatArray], units: dict[str, str | None]) -> None:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.estimate import Estimate
 from opid.json_values import plain
@@ -268,6 +269,37 @@ class DampingBand:
 
 
 @dataclass(frozen=True, eq=False)
+class HarmonicBand:
+    """A higher harmonic of one sensor at the measured points of one mode, and its 95 % band by the best class.
+
+    Args:
+        mode: number of the mode, from 1.
+        order: number of the harmonic, from 2.
+        sensor: name of the sensor.
+        controlled_sensor: name of the sensor whose amplitude the points have.
+        amplitude: (n_points,) this amplitude, m, of all curves, growing.
+        measured: (n_points,) the harmonic as it was measured, m, with the sign of `SensorHarmonic`.
+        predicted: (n_points,) median, m.
+        low: (n_points,) lower end of the 95 % band of a measured point, m.
+        high: (n_points,) upper end of the 95 % band, m.
+        coverage: fraction of the points within the band; nan where it has none.
+        met_mode: number of another mode that the harmonic comes near to, and that has a large part in it; None without.
+    """
+
+    mode: int
+    order: int
+    sensor: str
+    controlled_sensor: str
+    amplitude: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    low: FloatArray
+    high: FloatArray
+    coverage: float
+    met_mode: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class ForcedResponse:
     """What a shaker makes of one mode by the best class, over the phase of one sensor against its force.
 
@@ -350,6 +382,7 @@ class Updating(Result):
         places: where the sensors are, by their names; empty where the study does not say it.
         damping: effective damping of each mode with a force, by the best class; empty where no force is used.
         responses: responses to a force that the best class predicts, those that the study asks for.
+        harmonics: higher harmonics that were measured, beside what the best class predicts of them.
     """
 
     title: str
@@ -369,6 +402,7 @@ class Updating(Result):
     places: Mapping[str, Place] = field(default_factory=dict)
     damping: tuple[DampingBand, ...] = ()
     responses: tuple[ForcedResponse, ...] = ()
+    harmonics: tuple[HarmonicBand, ...] = ()
 
     @property
     def mode_shapes(self) -> tuple[ModeShape, ...]:
@@ -423,10 +457,20 @@ class Updating(Result):
         """The largest extension of a joint in the tests of each mode, m, by the linear shape of the mode."""
         return reached_extensions(self.system, self.measured)
 
-    def summary(self) -> tuple[SummaryRow, ...]:
-        """Return the linear parameters as factors of the nominal ones, the coefficients, and peaks of responses.
+    @property
+    def harmonics_within(self) -> dict[tuple[int, int], float]:
+        """The fraction of the points of all sensors within their bands, by mode and harmonic; nan without any band."""
+        found: dict[tuple[int, int], list[NDArray[np.bool_]]] = {}
+        for band in self.harmonics:
+            inside = (band.measured >= band.low) & (band.measured <= band.high)
+            found.setdefault((band.mode, band.order), []).append(inside[np.isfinite(band.low)])
+        joined = {name: np.concatenate(each) for name, each in found.items()}
+        return {name: float(each.mean()) if each.size else float("nan") for name, each in joined.items()}
 
-        The coefficients of the best class come first.
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Return linear parameters as factors of the nominal ones, coefficients, peaks of responses, and harmonics.
+
+        The coefficients of the best class come first. Of harmonics it is the fraction of the points within their bands.
         """
         linear = {} if self.linear is None else self.linear.estimates
         rows = [SummaryRow.of(f"linear.{name}", estimate, "1") for name, estimate in linear.items()]
@@ -437,6 +481,9 @@ class Updating(Result):
         for response in self.responses:
             rows.append(SummaryRow.of(f"{response.words}: frequency", response.peak_hz, "Hz"))
             rows.append(SummaryRow.of(f"{response.words}: amplitude", response.peak_amplitude, "m"))
+        for (mode, order), fraction in self.harmonics_within.items():
+            within = Estimate(fraction if np.isfinite(fraction) else None)
+            rows.append(SummaryRow.of(f"mode {mode}, harmonic {order}: points within the band", within, "1"))
         return tuple(rows)
 
     @property
@@ -463,6 +510,7 @@ class Updating(Result):
                 "prediction": [asdict(band) for band in self.prediction],
                 "damping": [asdict(band) for band in self.damping],
                 "responses": [asdict(response) for response in self.responses],
+                "harmonics": [asdict(band) for band in self.harmonics],
                 "confusion": None if self.confusion is None else asdict(self.confusion),
             }
         )
@@ -522,7 +570,8 @@ def _convert_curve(curve: MeasuredBackbone) -> dict[str, Any]:
     as_they_are = ("name", "mode", "controlled_sensor", "frequency_hz")
     amplitude = dict(zip(curve.sensors, curve.amplitude.T, strict=True))
     force = {"drive": curve.drive or None, "force_n": curve.force_n}
-    return {**{name: getattr(curve, name) for name in as_they_are}, "amplitude": amplitude, **force}
+    higher = {"harmonics": [asdict(each) for each in curve.harmonics]}
+    return {**{name: getattr(curve, name) for name in as_they_are}, "amplitude": amplitude, **force, **higher}
 
 
 def _convert_estimate(estimate: Estimate) -> dict[str, Any]:

@@ -57,6 +57,9 @@ class UpdatingThresholds:
     detuning_step: float = 0.05  # step of their derivatives, in standard deviations: less than the width of a resonance
     # relative error of the damping ratio of the modes that are met: those of other modes are known no better
     damping_error: float = 0.5
+    # standard deviation of the damping ratio of all modes where it is not stated, counted from none: ratios of metal
+    # structures are a few tenths of a per cent
+    unknown_damping: float = 0.005
     # maxima that are sought in turn with the interactions at the one before
     n_paired: int = 3
     # fraction of the points of a mode within the resonance of one that is met, above which its losses decide: with two
@@ -110,6 +113,18 @@ class UpdatingThresholds:
     # another kind miss it by more
     least_force_misfit: float = 0.03
     most_force_noise: float = 4.0  # rms error of the force over the noise that is stated, above which it is no noise
+    # distances of a band's end from its median beyond which a higher harmonic contradicts the model: about four
+    # standard deviations, for the errors of a sensor are common to all of its points, and there are many sensors
+    far_from_band: float = 2.0
+    most_far: float = 0.1  # fraction of the points of a sensor that may be as far: single points are read wrong
+    # relative distance of a harmonic to a mode within which an error of that mode changes it noticeably: 0.4 % of the
+    # frequency are then 3 % of the harmonic
+    harmonic_reach: float = 0.15
+    least_part: float = (
+        0.3  # ... and its motion over that of the mode that moves the sensor most, from which on it counts
+    )
+    # fraction of the points whose band excludes 0 that a wrong sign or unit must explain
+    explained: float = 0.8
     # fraction of that growth that a class may leave unexplained where curves are too short to show their noise
     most_unexplained: float = 0.3
     # degrees of freedom with which the expected scatter between curves counts beside the observed one

@@ -1,4 +1,4 @@
-"""The energy that a structure loses in a cycle of a backbone, to which the force of a test at phase resonance is equal.
+"""What follows from backbones that were found: the energy lost in a cycle, and the higher harmonics of all modes.
 
 At phase resonance the force works against the damping alone: it feeds in what modes and joints lose. Damping moves the
 frequency of a backbone in second order only, so its motion is that of the structure without damping.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,13 +42,22 @@ class PlacedTerm:
         A kind with memory has the mean force of both directions of a cycle up to `reach`, m, (n_samples, n_points,
         n_joints).
         """
+        return self._evaluate(extension, rate, reach)[0]
+
+    def find_stiffness(self, extension: FloatArray, reach: FloatArray) -> FloatArray:
+        """Return the derivative of that force by the extension, N/m, for a joint at rest."""
+        return self._evaluate(extension, np.zeros_like(extension), reach)[1]
+
+    def _evaluate(self, extension: FloatArray, rate: FloatArray, reach: FloatArray) -> list[FloatArray]:
+        """Return the force, and its derivative by the extension."""
         kind = LAWS[self.kind]
         amplitude, *inner = (column[:, None, None, None] for column in self.values.T)
+        found: tuple[Any, ...]
         if kind.cycle is not None:
-            force = amplitude * kind.cycle(extension, reach[..., None], *(*inner, 1.0, 1.0, 1.0)[:3])[0]
+            found = kind.cycle(extension, reach[..., None], *(*inner, 1.0, 1.0, 1.0)[:3])
         else:
-            force = amplitude * kind.function(extension, rate, *(*inner, 1.0, 1.0)[:2])[0]
-        return np.asarray(force * self.is_there[:, None])
+            found = kind.function(extension, rate, *(*inner, 1.0, 1.0)[:2])
+        return [np.asarray(amplitude * each * self.is_there[:, None]) for each in found[:2]]
 
     def find_lost_in_cycle(self, reach: FloatArray) -> FloatArray | float:
         """Return the energy that a kind with memory loses in cycles up to `reach`, J; 0 of other kinds."""
@@ -128,3 +138,61 @@ def _find_coordinates(
     q = -(forces @ system.at_joints) / apart
     q[..., first, m] = (amplitudes[..., first, :] - q[..., first, :] @ system.at_joints.T) @ own / (own @ own)
     return np.asarray(q)
+
+
+# ---- higher harmonics ------------------------------------------------------------------------------
+
+
+def find_higher_harmonics(
+    found: BackboneFamily,
+    springs: Sequence[PlacedTerm],
+    orders: Sequence[int],
+    *,
+    at: FloatArray,
+    eigenvalue: FloatArray,
+    at_joints: FloatArray,
+    damping_ratio: FloatArray,
+) -> FloatArray:
+    """Return harmonics above the first of the modal coordinates, (n_samples, n_points, n_orders, n_modes), m kg^1/2.
+
+    The joints' extensions z_1 of the backbone are kept. The modes of a structure, which may be another one than that of
+    the backbone, answer to the forces linearly, with F_h and S = dF_h/dz those of the backbone's extensions z:
+
+        (l_i - h^2 l + 2j zeta h (l_i l)^1/2) q_ih + psi_i^T (F_h + S (sum_k psi_k q_k - z)) = 0,
+
+    so that a mode which a harmonic meets answers at the frequency of a test, where a backbone would have a loop. What
+    is in phase with the first harmonic is returned.
+
+    Args:
+        found: the backbones; harmonics that they do not have begin at 0.
+        springs: the springs of the joints.
+        orders: numbers of the harmonics, above 1.
+        at: (n_points,) l, the eigenvalue of the motion, 1/s^2.
+        eigenvalue: (n_samples, n_modes) l_i, 1/s^2.
+        at_joints: (n_samples, n_joints, n_modes) psi.
+        damping_ratio: (n_samples,) zeta of all modes.
+    """
+    n, n_points, n_joints, numbers = *found.eigenvalue.shape, at_joints.shape[1], np.array(orders)
+    every = np.array(sorted({*found.harmonics, *orders}))
+    amplitudes = np.zeros((n, n_points, every.size, n_joints))
+    amplitudes[:, :, np.searchsorted(every, found.harmonics)] = found.extension.reshape(n, n_points, -1, n_joints)
+    angle = 2 * np.pi * (np.arange(N_TIMES // (4 if every[0] and (every % 2).all() else 2)) + 0.5) / N_TIMES
+    extension = np.einsum("nphj,ht->npjt", amplitudes, np.cos(np.outer(every, angle)))
+    reach = np.abs(amplitudes.sum(axis=2))
+    cosines = np.cos(np.outer(numbers, angle))
+    nothing = np.zeros_like(extension)
+    force = sum((term.find_force(extension, nothing, reach) for term in springs), nothing)
+    stiffness = sum((term.find_stiffness(extension, reach) for term in springs), nothing)
+    pushed = np.einsum("npjt,ht->nphj", force, 2 * cosines / angle.size)
+    slopes = np.einsum("npjt,ht,gt->nphgj", stiffness, 2 * cosines / angle.size, cosines, optimize=True)
+    own, square = eigenvalue[:, None, None], numbers[:, None] ** 2 * at[:, None, None]
+    lag = 2j * damping_ratio[:, None, None, None] * np.sqrt(np.maximum(own, 0.0) * square)
+    receptance = 1 / (own - square + lag)
+    flexibility = np.einsum("nji,nphi,nki->nphjk", at_joints, receptance, at_joints, optimize=True)
+    start = amplitudes[:, :, np.searchsorted(every, numbers)]
+    size = numbers.size * n_joints
+    coupled = np.einsum("nphjk,nphgk->nphjgk", flexibility, slopes).reshape(n, n_points, size, size)
+    missing = start + np.einsum("nphjk,nphk->nphj", flexibility, pushed)
+    moved = np.linalg.solve(np.eye(size) + coupled, -missing.reshape(n, n_points, size, 1))
+    pushed = pushed + np.einsum("nphgj,npgj->nphj", slopes, moved.reshape(n, n_points, numbers.size, n_joints))
+    return np.asarray(-(receptance * np.einsum("nphj,nji->nphi", pushed, at_joints)).real)

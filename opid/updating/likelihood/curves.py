@@ -337,7 +337,7 @@ class ClassSolver:
 
         Both have the shape (n, n_points).
         """
-        springs, dampers = self._place_terms(theta)
+        springs, dampers = self.place_terms(theta)
         ratio = self.find_ratio(theta)
         if self.data.structure is None:
             return find_loss(found, self.evaluate.system, springs, dampers, ratio)
@@ -352,7 +352,7 @@ class ClassSolver:
         lost, energy = zip(*rows, strict=True)
         return np.concatenate(lost), np.concatenate(energy)
 
-    def _place_terms(self, theta: FloatArray) -> tuple[list[PlacedTerm], list[PlacedTerm]]:
+    def place_terms(self, theta: FloatArray) -> tuple[list[PlacedTerm], list[PlacedTerm]]:
         """Return springs and dampers with their parameters, for each row of theta."""
         values, first = self.model_class.coefficients(theta), 0
         placed = []

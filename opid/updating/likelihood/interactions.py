@@ -112,7 +112,7 @@ def find_pull(
         sensor: name of the sensor.
         amplitude: (n,) its amplitudes, growing, m.
     """
-    whole = _find_system(data, model_class, theta)
+    whole = find_system(data, model_class, theta)
     met = find_met_modes(data, mode)
     if not met.columns.size:
         return None
@@ -146,7 +146,7 @@ def find_pull(
     )
 
 
-def _find_system(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> JointedModes:
+def find_system(data: BackboneData, model_class: ModelClass, theta: FloatArray) -> JointedModes:
     """Return the linear structure, with the factors that are among the parameters of the class."""
     if data.structure is None:
         return data.system
@@ -283,7 +283,7 @@ def find_loop(
     """
     if data.met_damping is None or not find_met_modes(data, mode).columns.size:
         return None
-    system = _find_system(data, model_class, theta)
+    system = find_system(data, model_class, theta)
     try:
         curve = continued_backbone(
             system, _find_springs(model_class, system.joints, theta), mode=mode.mode, sensor=mode.parts[0][0],

@@ -64,6 +64,10 @@ class NoiseSettings:
         force_noise: expected relative error of the work of the force at a point; it counts as much as one point.
         force_offset: expected relative offset of the work along a curve (a phase that is not that of the mode); the
             actual offset is inferred.
+        harmonic_error: standard deviation of a relative error that all points of a sensor have in one of its higher
+            harmonics: calibration there, and the motion that the force makes beside the backbone.
+        harmonic_noise: standard deviation of a higher harmonic at a point, as a fraction of the largest first harmonic
+            of all sensors: noise, and distortion of sensor and shaker.
 
     Raises:
         InputError: a number that is not positive; the two growths may be 0.
@@ -87,6 +91,8 @@ class NoiseSettings:
     force_floor: float = 0.002
     force_noise: float = 0.005
     force_offset: float = 0.01
+    harmonic_error: float = 0.02
+    harmonic_noise: float = 1e-4
 
     def __post_init__(self) -> None:
         given = vars(self) | {f"cov of mode {mode}": value for mode, value in (self.cov or {}).items()}

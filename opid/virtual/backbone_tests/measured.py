@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from opid.errors import InputError, NotDeterminedError
-from opid.mechanics.backbones.family import Backbone, backbone
+from opid.mechanics.backbones.dissipation import PlacedTerm, find_higher_harmonics
+from opid.mechanics.backbones.family import Backbone, BackboneFamily, backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.backbones.quadrature_curves import MeasuredCurve
 from opid.mechanics.backbones.specimen import Specimen
+from opid.mechanics.laws.law import Law
 from opid.signals.recording import FloatArray
-from opid.updating.measured import LEAST_POINTS, MeasuredBackbone
+from opid.updating.measured import LEAST_POINTS, MeasuredBackbone, SensorHarmonic
 from opid.updating.model_class import ModelClass
 from opid.virtual.backbone_tests.control_based_continuation import ContinuationSettings, ReadingNoise, measured_curve
 
@@ -34,6 +36,9 @@ BENCH_NOISE = ReadingNoise(acceleration_m_per_s2=5e-3, force_n=5e-3, control_n=1
 _N_GRID = 40
 _N_GRID_OF_SLIP = 200  # ... but not where all sliders of a joint slip
 
+# damping ratio of the modes that a higher harmonic meets, without which one would move without end
+_DAMPING_RATIO = 0.003
+
 
 def virtual_backbones(
     specimen: Specimen,
@@ -47,6 +52,7 @@ def virtual_backbones(
     settings: ContinuationSettings | None = None,
     noise: ReadingNoise = BENCH_NOISE,
     least_fraction: float = 0.9,
+    recorded: Sequence[int] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[MeasuredBackbone, ...]:
     """Return backbones measured by control-based continuation, one for each mode and sensor that reaches quadrature.
@@ -65,6 +71,7 @@ def virtual_backbones(
         settings: settings of the continuation; the usual ones where left out.
         noise: noise of the readings; that of a usual bench if left out, `ReadingNoise()` for none.
         least_fraction: fraction of its levels at which a curve must have converged.
+        recorded: numbers of the higher harmonics that the backbones have, those of the settings at most.
         progress: a function that is called with the number of curves done and the number of all.
 
     Raises:
@@ -96,19 +103,26 @@ def virtual_backbones(
             "drive the structure where the mode moves more, or with less damping",
             tuple(curves),
         )
-    return tuple(convert_curve(curve, specimen.drive) for curve in whole)
+    return tuple(convert_curve(curve, specimen.drive, recorded) for curve in whole)
 
 
-def convert_curve(curve: MeasuredCurve, drive: str) -> MeasuredBackbone:
+def convert_curve(curve: MeasuredCurve, drive: str, recorded: Sequence[int] = ()) -> MeasuredBackbone:
     """Return the levels of a curve that converged, as data for updating.
 
     Args:
         curve: the curve.
         drive: the sensor at which the force acts.
+        recorded: numbers of the higher harmonics to take, of all sensors.
 
     Raises:
-        InputError: too few levels converged.
+        InputError: too few levels converged, or a harmonic that the curve does not have.
     """
+    for order in recorded:
+        if order not in range(2, curve.harmonics.shape[2] + 1):
+            raise InputError(
+                f"harmonic {order} is to be recorded: give numbers from 2 to {curve.harmonics.shape[2]}, or more "
+                "harmonics in the settings"
+            )
     kept = np.flatnonzero(curve.converged)
     if kept.size:
         # The amplitude is met within a tolerance, so levels that lie close could cross.
@@ -123,7 +137,18 @@ def convert_curve(curve: MeasuredCurve, drive: str) -> MeasuredBackbone:
         sensors=curve.sensors,
         drive=drive,
         force_n=_find_working_force(curve, drive)[kept],
+        harmonics=tuple(
+            SensorHarmonic(sensor, order, values[kept])
+            for order in recorded
+            for sensor, values in zip(curve.sensors, _take_in_phase(curve, order).T, strict=True)
+        ),
     )
+
+
+def _take_in_phase(curve: MeasuredCurve, order: int) -> FloatArray:
+    """Return the part of a harmonic, (n, n_sensors), that is largest where the controlled sensor's first one is."""
+    phase = np.angle(curve.harmonics[:, curve.sensors.index(curve.controlled_sensor), 0])
+    return np.asarray((curve.harmonics[:, :, order - 1] * np.exp(-1j * order * phase)[:, None]).real)
 
 
 def _find_working_force(curve: MeasuredCurve, drive: str) -> FloatArray:
@@ -150,6 +175,9 @@ def synthetic_backbones(
     shape_noise: float | Sequence[float] = (0.005, 0.025),
     linear_error: float | Sequence[float] = 0.004,
     amplitude_jitter: float = 0.2,
+    recorded: Sequence[int] = (),
+    harmonic_error: float = 0.01,
+    harmonic_noise: float = 5e-5,
 ) -> tuple[MeasuredBackbone, ...]:
     """Return sets of backbones by harmonic balance, with all errors drawn: quick, for studies of coverage.
 
@@ -180,6 +208,11 @@ def synthetic_backbones(
         linear_error: relative error e of all curves of a mode: difference of the measured linear structure from the one
             that the model knows.
         amplitude_jitter: largest shift of an amplitude within a curve, over the distance of two points.
+        recorded: numbers of the higher harmonics that the backbones have. Their noise is drawn from a generator of its
+            own, so that everything else stays what it is without them; so are errors of the frequencies of all other
+            modes, as large as `linear_error`.
+        harmonic_error: relative error of a higher harmonic of a sensor that all curves have in common.
+        harmonic_noise: error of a higher harmonic at each point, over the largest motion of a sensor.
 
     Raises:
         InputError: counts that do not match, deviations below 0, jitter beyond 0.45, or what `backbone` refuses.
@@ -202,6 +235,7 @@ def synthetic_backbones(
         )
     )
     laws, column = tuple(model_class.laws(system.joints, theta).values()), system.sensor(controlled_sensor)
+    record = _Recorder.of(system, laws, recorded, (harmonic_error, harmonic_noise), rng) if recorded else None
     curves = []
     for m, (mode, (least, most)) in enumerate(zip(modes, ranges, strict=True)):
         shifted = _shift_mode(system, mode, linear[m] * rng.standard_normal())
@@ -215,8 +249,82 @@ def synthetic_backbones(
             noise[:, column] = 0.0
             shapes += np.linalg.norm(shapes, axis=1, keepdims=True) * noise
             name = f"mode {mode}, curve {number}"
-            curves.append(MeasuredBackbone(name, mode, controlled_sensor, frequency, shapes, system.sensors))
+            higher = record.take(true, shifted, linear[m], amplitude, frequency, shapes) if record else ()
+            curves.append(
+                MeasuredBackbone(name, mode, controlled_sensor, frequency, shapes, system.sensors, harmonics=higher)
+            )
     return tuple(curves)
+
+
+@dataclass(frozen=True, eq=False)
+class _Recorder:
+    """The higher harmonics of synthetic backbones, with their errors."""
+
+    springs: tuple[PlacedTerm, ...]
+    orders: tuple[int, ...]
+    detuning: FloatArray  # (n_modes,) errors of the linear frequencies of other modes, in units of their deviation
+    gain: FloatArray  # (n_orders, n_sensors) what each sensor makes of each harmonic
+    noise: float
+    rng: np.random.Generator
+
+    @staticmethod
+    def of(
+        system: JointedModes,
+        laws: Sequence[Law],
+        orders: Sequence[int],
+        errors: tuple[float, float],
+        rng: np.random.Generator,
+    ) -> _Recorder:
+        """Return a recorder with the relative error of the harmonics of a sensor, and the noise of a point."""
+        error, noise = (
+            float(_check_deviations(*each, 1)[0])
+            for each in zip(("harmonic_error", "harmonic_noise"), errors, strict=True)
+        )
+        springs = [
+            PlacedTerm(term.name, np.array([term.values]), np.arange(len(laws)) == joint)
+            for joint, law in enumerate(laws)
+            for term in law.terms
+        ]
+        (own,) = rng.spawn(1)
+        detuning = own.standard_normal(system.n_modes)
+        gain = 1 + error * own.standard_normal((len(orders), len(system.sensors)))
+        return _Recorder(tuple(springs), tuple(orders), detuning, gain, noise, own)
+
+    def take(
+        self,
+        true: Backbone,
+        shifted: JointedModes,
+        linear: float,
+        amplitude: FloatArray,
+        frequency_hz: FloatArray,
+        shapes: FloatArray,
+    ) -> tuple[SensorHarmonic, ...]:
+        """Return the harmonics of a test of the true backbone at amplitudes of the controlled sensor, (n_points,).
+
+        The modes answer at the frequencies of the test, (n_points,). `shapes` are its first harmonics, (n_points,
+        n_sensors), and `linear` is the deviation of the relative error of a linear frequency.
+        """
+        from scipy.interpolate import CubicSpline
+
+        extension = CubicSpline(true.amplitude, true.extension.reshape(true.amplitude.size, -1))(amplitude)
+        at = (2 * np.pi * frequency_hz) ** 2
+        found = BackboneFamily(
+            true.mode, true.sensor, amplitude, true.harmonics, at[None], shapes[None], np.isfinite(at)[None],
+            extension[None],
+        )  # fmt: skip
+        detuning = 1 + linear * self.detuning
+        detuning[shifted.index(true.mode)] = 1.0  # The mode itself is shifted already.
+        motion = find_higher_harmonics(
+            found, self.springs, self.orders, at=at, eigenvalue=(shifted.eigenvalue * detuning**2)[None],
+            at_joints=shifted.at_joints[None], damping_ratio=np.full(1, _DAMPING_RATIO),
+        )[0] @ shifted.at_sensors.T  # fmt: skip
+        level = self.noise * np.abs(shapes).max(axis=1)[:, None, None]
+        motion = self.gain * motion + level * self.rng.standard_normal(motion.shape)
+        return tuple(
+            SensorHarmonic(sensor, order, motion[:, k, s])
+            for k, order in enumerate(self.orders)
+            for s, sensor in enumerate(shifted.sensors)
+        )
 
 
 def _check_ranges(amplitude_m: Sequence[tuple[float, float]], modes: Sequence[int], n_points: int) -> FloatArray:
