@@ -14,7 +14,7 @@ from opid.mechanics.backbones.family import Backbone, BackboneFamily, backbone
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.backbones.quadrature_curves import MeasuredCurve
 from opid.mechanics.backbones.specimen import Specimen
-from opid.mechanics.laws.law import Law
+from opid.mechanics.laws.law import TermSet
 from opid.signals.recording import FloatArray
 from opid.updating.measured import LEAST_POINTS, MeasuredBackbone, SensorHarmonic
 from opid.updating.model_class import ModelClass
@@ -270,7 +270,7 @@ class _Recorder:
     @staticmethod
     def of(
         system: JointedModes,
-        laws: Sequence[Law],
+        laws: Sequence[TermSet],
         orders: Sequence[int],
         errors: tuple[float, float],
         rng: np.random.Generator,
