@@ -21,7 +21,7 @@ from opid.updating.result import (
     SensorBand,
     Updating,
 )
-from opid.updating.sampling.chains import Diagnostics
+from opid.updating.sampling.chains import Chain, Diagnostics
 from opid.updating.sampling.evidence import Evidence
 
 SENSORS = ("9", "10", "11", "12", "13", "14")
@@ -92,19 +92,27 @@ def small_linear():
     correlation = np.array([[1.0, -0.6], [-0.6, 1.0]])
     covariance = correlation * np.outer(deviation, deviation)
     names = ("E_aluminium", "E_steel")
+    samples = rng.multivariate_normal(mean, covariance, 3000)
     return LinearPosterior(
         names=names,
         best=mean,
         estimates={name: Estimate.normal(*each) for name, *each in zip(names, mean, deviation, strict=True)},
         covariance=covariance,
-        samples=rng.multivariate_normal(mean, covariance, 3000),
+        samples=samples,
         modes=(
             LinearMode(1, 14.65, 22.78, 14.65, 0.81, 0.99, INITIAL_SHAPES[:, 0]),
             LinearMode(2, 17.71, 30.91, 17.72, 0.95, 0.98, INITIAL_SHAPES[:, 1]),
         ),
         diagnostics=Diagnostics("adaptive", 3000, 3500, 0.31, 412.0, 1.004),
         warnings=("the posterior of E_steel lies far from its nominal value",),
+        chain=small_chain(samples),
     )
+
+
+def small_chain(samples):
+    """Samples as two chains of a density that nobody asks for."""
+    halves = samples.reshape(2, len(samples) // 2, -1)
+    return Chain(halves, np.zeros(halves.shape[:2]), 0.34, 5500, "adaptive", 0)
 
 
 def small_class(model_class, log_evidence, *, seed=0):
@@ -115,6 +123,7 @@ def small_class(model_class, log_evidence, *, seed=0):
     covariance = np.diag(deviation**2)
     if best.size == 2:
         covariance[0, 1] = covariance[1, 0] = 0.95 * deviation.prod()
+    samples = rng.multivariate_normal(best, covariance, 2000)
     return ClassPosterior(
         model_class=model_class,
         evidences=(
@@ -125,11 +134,13 @@ def small_class(model_class, log_evidence, *, seed=0):
         best=best,
         estimates={f"theta_{k + 1}": Estimate.normal(value, deviation[k]) for k, value in enumerate(best)},
         covariance=covariance,
-        samples=rng.multivariate_normal(best, covariance, 2000),
+        samples=samples,
+        calibration_std=0.02 * best,
         log_likelihood_at_best=log_evidence + 5,
         diagnostics=Diagnostics("adaptive", 5000, 5500, 0.34, 616.0, 1.01),
         prior_sensitivity={f"theta_{k + 1}": -0.693 for k in range(best.size)},
         warnings=("the chains of theta_2 have few effective samples",) if best.size == 2 else (),
+        chain=small_chain(samples),
     )
 
 

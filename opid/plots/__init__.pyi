@@ -18,9 +18,9 @@ from .body import (
 from .comparison import compared_quantity as compared_quantity
 from .fleet import (
     draw_fleet_map as draw_fleet_map,
+    draw_flight_laws as draw_flight_laws,
     draw_strut as draw_strut,
 )
-from .flight_laws import draw_flight_laws as draw_flight_laws
 from .force import (
     law_curves as law_curves,
     restoring_force_map as restoring_force_map,

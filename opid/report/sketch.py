@@ -151,7 +151,7 @@ def sketch_modes(result: ModalIdentification) -> Sketch | None:
 
 def sketch_joints(result: Updating) -> Sketch | None:
     """Return the sketch of a structure on its nonlinear joints with the law of the best class; None without one."""
-    best = next((each for each in result.classes if each.model_class.name == result.best_class), None)
+    best = result.best
     if best is None:
         return None
     words = [f"f(z): {best.model_class.law_in_words} ({result.best_class})"]

@@ -144,7 +144,7 @@ def _say_basis(result: Updating) -> str:
 
 
 def _say_best(result: Updating) -> str:
-    best = next((each for each in result.classes if each.model_class.name == result.best_class), None)
+    best = result.best
     if best is None:
         return "No class of laws is the best."
     named = f"Best: {result.best_class}, {best.model_class.law_in_words}"
@@ -162,8 +162,7 @@ def _say_best(result: Updating) -> str:
 
 def _tabulate_classes(result: Updating) -> Table:
     """The log evidence of each class, and its difference to the best (Song Table 3)."""
-    named = [each.log_evidence for each in result.classes if each.model_class.name == result.best_class]
-    best = named[0] if named else max((each.log_evidence for each in result.classes), default=0.0)
+    best = result.best.log_evidence if result.best else max((each.log_evidence for each in result.classes), default=0.0)
     rows = []
     for each in result.classes:
         first = each.evidences[0]
@@ -202,7 +201,21 @@ def _tabulate_coefficients(result: Updating, truth: UpdatingTruth | None) -> Tab
         "Coefficients of the classes",
         legend="Each coefficient is its parameter θ times the scale of the class, in the unit of its row, for z in m "
         "and f in N; mean, standard deviation and the 95 % interval are those of the posterior samples."
+        + _describe_calibration(result.best)
         + (_SIMULATED if truth else ""),
+    )
+
+
+def _describe_calibration(best: ClassPosterior | None) -> str:
+    """What the calibration of the amplitudes does to the best class; "" where they are exact or it does nothing."""
+    pairs = zip(best.estimates, best.calibration_std, strict=True) if best else ()
+    parts = [f"{format_number(std, 2)} of {name}" for name, std in pairs if std > 0.0 and math.isfinite(std)]
+    if best is None or not parts:
+        return ""
+    made = parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return (
+        f" They hold the calibration error of the amplitudes (motion_error of [noise]), which alone makes a standard "
+        f"deviation of {made} of {best.model_class.name}."
     )
 
 

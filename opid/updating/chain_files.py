@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from opid.errors import InputError, pip_install, require
 from opid.signals.files import make_directory, write_whole
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
-from opid.updating.sampling.chains import Chain, to_inference_data
+from opid.updating.sampling.chains import to_inference_data
 
 SUMMARY_FILE = "chains_summary.csv"
 
@@ -45,8 +44,10 @@ def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[P
     written, of_chains = [], {}
     for name, posterior, parameters in _list_posteriors(result):
         path = target / f"chains_{name}.nc"
-        chain = _find_chain(posterior)
-        data = to_inference_data(chain, parameters)
+        chain = posterior.chain
+        # Errors of the calibration are independent of the chains, whose diagnostics are without them.
+        calibrated = replace(chain, samples=posterior.samples.reshape(chain.samples.shape))
+        data = to_inference_data(calibrated, parameters)
         try:
             data.to_netcdf(path)
         except (ImportError, ValueError) as error:
@@ -54,7 +55,7 @@ def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[P
             raise InputError(f"ArviZ cannot write {path} ({reason}): run `{pip_install('h5netcdf')}`") from error
         written.append(path)
         if len(chain.samples) > 1:
-            of_chains[name] = data
+            of_chains[name] = to_inference_data(chain, parameters)
     if of_chains:
         written.append(target / SUMMARY_FILE)
         _write_summary(of_chains, written[-1])
@@ -76,12 +77,3 @@ def _list_posteriors(result: Updating) -> Iterator[tuple[str, ClassPosterior | L
         yield "linear", result.linear, result.linear.names
     for number, each in enumerate(result.classes, start=1):
         yield f"class_{number}", each, tuple(each.estimates)
-
-
-def _find_chain(posterior: ClassPosterior | LinearPosterior) -> Chain:
-    """The chains of a posterior; if it did not keep them, its samples as one chain of unknown density."""
-    if posterior.chain is not None:
-        return posterior.chain
-    samples, known = posterior.samples[None], posterior.diagnostics
-    unknown = np.full(samples.shape[:2], np.nan)
-    return Chain(samples, unknown, known.acceptance, known.n_evaluations, known.sampler, 0)

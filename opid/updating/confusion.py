@@ -41,7 +41,7 @@ def find_confusion(
         own = adapt_to_class(data, true.model_class, true.best)
         curves = [make_curves(own, mode, true.model_class) for mode in own.modes]
         for repeat in range(n_sets):
-            theta = true.samples[rng.integers(len(true.samples))][np.newaxis]
+            theta = true.chain.draw(1, rng)
             solved = [make.solve(theta) for make in curves]
             found = [make.complete(each) for make, each in zip(curves, solved, strict=True)]
             modes = [

@@ -230,7 +230,7 @@ def predict_damping(
         measured: the same backbones.
         rng: source of chance.
     """
-    theta = posterior.samples[rng.integers(len(posterior.samples), size=UPDATING.n_predicted)]
+    theta = posterior.chain.draw(UPDATING.n_predicted, rng)
     for mode in data.modes:
         driven = [one for one in measured if one.mode == mode.mode and one.force_n is not None]
         band = _make_damping_band(data, mode, posterior, driven, theta) if driven else None

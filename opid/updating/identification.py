@@ -15,6 +15,7 @@ from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
 from opid.updating.checks import warn_of_overlaps
 from opid.updating.confusion import find_confusion
+from opid.updating.contradictions import warn_of_contradictions
 from opid.updating.forced_response import predict_damping, predict_responses
 from opid.updating.harmonics import predict_harmonics, warn_of_harmonics
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
@@ -109,6 +110,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
             *lost,
             *warn_of_classes(classes),
             *warn_of_choice(classes, bands),
+            *_warn_of_contradictions(study, data, best),
             *warn_of_harmonics(harmonics, data),
             *gone,
             *told,
@@ -273,7 +275,8 @@ def _predict(
         warnings.append(f"there is no prediction: {error}")
     if study.prediction.modes:
         rng = np.random.default_rng([study.seed, 5])
-        drawn = _draw_with_factors(study, data, best, linear, UPDATING.n_predicted, rng)
+        theta = best.draw(UPDATING.n_predicted, rng)
+        drawn = _draw_with_factors(study, data, best.model_class, theta, linear, rng)
         others, extrapolated = predict_unmeasured(*drawn, study.prediction, study.backbones, rng=rng)
         bands, warnings = (*bands, *others), [*warnings, *extrapolated]
     return bands, warnings
@@ -286,27 +289,28 @@ def _predict_harmonics(
     if best.has_no_effect or not any(one.harmonics for one in study.backbones):
         return ()
     rng = np.random.default_rng([study.seed, 8])
-    drawn = _draw_with_factors(study, data, best, linear, UPDATING.n_predicted, rng)
+    # The harmonics are compared at measured amplitudes.
+    theta = best.chain.draw(UPDATING.n_predicted, rng)
+    drawn = _draw_with_factors(study, data, best.model_class, theta, linear, rng)
     return predict_harmonics(*drawn, study.backbones, rng=rng)
 
 
 def _draw_with_factors(
     study: UpdatingStudy,
     data: BackboneData,
-    best: ClassPosterior,
+    model_class: ModelClass,
+    theta: FloatArray,
     linear: LinearPosterior | None,
-    n: int,
     rng: np.random.Generator,
 ) -> tuple[BackboneData, ModelClass, FloatArray]:
-    """Return data, class and draws of its parameters, (n, n_parameters), with the factors of the structure among them.
+    """Return data, class and draws of its parameters, (n, n_parameters), with the factors of the structure beside them.
 
     No curve corrects the error of the factors in a mode without curves.
     """
-    theta, model_class = best.samples[rng.integers(len(best.samples), size=n)], best.model_class
     if linear is None or study.is_joint:
         return data, model_class, theta
     data, (model_class,) = _free_factors(study, linear, data, [model_class])
-    return data, model_class, np.hstack([theta, linear.samples[rng.integers(len(linear.samples), size=n)]])
+    return data, model_class, np.hstack([theta, linear.chain.draw(len(theta), rng)])
 
 
 def _predict_responses(
@@ -323,13 +327,20 @@ def _predict_responses(
     widened = adapt_to_class(data, model_class, best.best)
     unfit = find_unfit_modes(widened, model_class, best.best)
     for own in filter(None, asked):
-        theta = best.samples[rng.integers(len(best.samples), size=n)]
+        theta = best.draw(n, rng)
         drawn = (widened, model_class, theta)
         if own is asked[1]:
-            drawn = _draw_with_factors(study, data, best, linear, n, rng)
+            drawn = _draw_with_factors(study, data, model_class, theta, linear, rng)
         responses, told = predict_responses(*drawn, own, study.backbones, unfit=unfit, rng=rng)
         found, warnings = (*found, *responses), [*warnings, *told]
     return found, warnings
+
+
+def _warn_of_contradictions(study: UpdatingStudy, data: BackboneData, best: ClassPosterior) -> list[str]:
+    if best.has_no_effect:
+        return []
+    adapted = adapt_to_class(data, best.model_class, best.best)
+    return list(warn_of_contradictions(adapted, best.model_class, best.best, study.backbones))
 
 
 def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:

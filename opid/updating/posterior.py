@@ -9,7 +9,7 @@ import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
 from opid.signals.recording import FloatArray
-from opid.updating.likelihood.backbones import BackboneData
+from opid.updating.likelihood.backbones import BackboneData, with_amplitudes
 from opid.updating.likelihood.curves import (
     LikelihoodSlopes,
     describe_failures,
@@ -45,6 +45,11 @@ from opid.updating.study import SAMPLERS, Sampler
 from opid.updating.warnings import TOO_LITTLE, has_no_effect, warn_of_class
 
 _NOWHERE = 1e12  # what a search takes for the negative logarithm of a density of 0
+_AMPLITUDE_STEP = 0.005  # of ln A, of half a usual calibration error: what differences of slopes are taken over
+_UNKNOWN_CALIBRATION = (
+    "how a calibration error of the amplitudes moves theta cannot be computed, because the model does not converge "
+    "beside its best parameters: the intervals lack it; take fewer harmonics"
+)
 METHODS = ("quadrature", "laplace", "importance", "transitional")
 
 
@@ -121,10 +126,14 @@ def update_class(
     best = chain.best if peak is None else peak.theta
     unreached, sentences = _find_unreached(data, model_class, best)
     found, refused = _compute_evidences(methods, density, model_class, peak, chain, stages, rng)
-    estimates = estimates_of(chain, [f"theta_{k + 1}" for k in range(model_class.n_parameters)])
+    moved = _find_calibration(data, model_class, best, peak.covariance_inside if peak else chain.covariance)
+    calibrated = _calibrate(chain, model_class, moved, rng)
+    estimates = estimates_of(calibrated, [f"theta_{k + 1}" for k in range(model_class.n_parameters)])
     diagnostics = diagnose(chain)
     is_idle = has_no_effect(data, model_class)
     if not is_idle:
+        if not np.isfinite(moved).all():
+            warnings.append(_UNKNOWN_CALIBRATION)
         warnings += [*sentences, *refused, *warn_of_class(
             data, model_class, chain, best, estimates=estimates, evidences=found, diagnostics=diagnostics,
             untold=unreached,
@@ -134,15 +143,46 @@ def update_class(
         evidences=found,
         best=best,
         estimates=estimates,
-        covariance=chain.covariance,
-        samples=chain.pooled,
+        covariance=calibrated.covariance,
+        samples=calibrated.pooled,
+        calibration_std=np.sqrt(np.sum(moved**2, axis=0)),
         log_likelihood_at_best=float(density.likelihood(best[None])[0]),
         diagnostics=diagnostics,
         prior_sensitivity=prior_sensitivity(density.likelihood, model_class, chain.pooled, best),
         warnings=(f"no theta that its prior allows {TOO_LITTLE}",) if is_idle else tuple(warnings),
-        has_no_effect=is_idle,
         chain=chain,
+        has_no_effect=is_idle,
     )
+
+
+def _find_calibration(
+    data: BackboneData, model_class: ModelClass, best: FloatArray, covariance: FloatArray
+) -> FloatArray:
+    """Return how far theta moves with a standard deviation of each sensor's calibration, (n_sensors, n_parameters).
+
+    The posterior is about Gaussian near its maximum. With C its `covariance` and g the slopes of the likelihood there,
+    the maximum moves by C dg/d ln A if the amplitudes A of a controlled sensor grow. A common factor s of all
+    amplitudes changes the coefficient of a cubic spring by 1 / s^2, and gaps and travels by s. Only the recommended
+    form has it. The moves are nan where the likelihood has no slopes.
+    """
+    sensors = dict.fromkeys(sensor for mode in data.modes for sensor, _ in mode.parts)
+    if data.form != "recommended" or not data.noise.motion_error:
+        return np.zeros((0, best.size))
+    moves = []
+    for sensor in sensors:
+        ends = []
+        for step in (_AMPLITUDE_STEP, -_AMPLITUDE_STEP):
+            value, slopes = slopes_function(with_amplitudes(data, sensor, np.exp(step)), model_class)(best[np.newaxis])
+            ends.append(slopes[0] if np.isfinite(value[0]) else np.full(best.size, np.nan))
+        moves.append(covariance @ (ends[0] - ends[1]) / (2 * _AMPLITUDE_STEP))
+    return data.noise.motion_error * np.array(moves)
+
+
+def _calibrate(chain: Chain, model_class: ModelClass, moved: FloatArray, rng: np.random.Generator) -> Chain:
+    """Return a chain with errors of the calibration, whose moves are (n_sensors, n_parameters)."""
+    low, high = np.transpose([each.limits for each in model_class.parameters])
+    errors = rng.standard_normal((*chain.samples.shape[:2], len(moved))) @ np.nan_to_num(moved)
+    return replace(chain, samples=np.clip(chain.samples + errors, low, high))
 
 
 def _find_unreached(data: BackboneData, model_class: ModelClass, best: FloatArray) -> tuple[tuple[int, ...], list[str]]:

@@ -40,7 +40,7 @@ def predict(
     Raises:
         NotDeterminedError: no mode has a band anywhere.
     """
-    theta = posterior.samples[rng.integers(len(posterior.samples), size=UPDATING.n_predicted)]
+    theta = posterior.chain.draw(UPDATING.n_predicted, rng)
     data = adapt_to_class(data, posterior.model_class, posterior.best)
     bands = tuple(_make_band(data, mode, posterior, measured, theta, rng) for mode in data.modes)
     if not any(np.isfinite(band.frequency_hz).any() for band in bands):
@@ -336,7 +336,7 @@ def _draw_curves(
     data: BackboneData, mode: ModeData, posterior: ClassPosterior, n: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Draw lambda, (n, n_nodes), and unit shapes of a mode at its nodes from the posterior, without lost curves."""
-    theta = posterior.samples[rng.integers(len(posterior.samples), size=n)]
+    theta = posterior.chain.draw(n, rng)
     at_nodes, shapes, _, lost = make_curves(data, mode, posterior.model_class)(theta)
     return at_nodes[~lost], shapes[~lost]
 

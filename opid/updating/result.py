@@ -42,13 +42,14 @@ class ClassPosterior:
         best: (n_parameters,) maximum a posteriori.
         estimates: mean, standard deviation and 95 % interval of each parameter, by "theta_1", "theta_2", ...
         covariance: (n_parameters, n_parameters) covariance of the samples.
-        samples: (n_samples, n_parameters) samples of the posterior.
+        samples: (n_samples, n_parameters) samples of the posterior, with the calibration of the amplitudes.
+        calibration_std: (n_parameters,) the part of their standard deviation that `motion_error` makes.
         log_likelihood_at_best: logarithm of the likelihood of the data at `best`.
         diagnostics: diagnostics of the sampling.
         prior_sensitivity: change of the logarithm of the evidence when a prior is twice as wide, by parameter.
         warnings: one sentence for each warning about the class.
         has_no_effect: whether the class moves the frequencies nowhere in its prior; that is then its only warning.
-        chain: the samples chain by chain; None where they were not kept.
+        chain: the samples chain by chain, as if the measured amplitudes were exact: the law in their unit.
     """
 
     model_class: ModelClass
@@ -57,12 +58,17 @@ class ClassPosterior:
     estimates: Mapping[str, Estimate]
     covariance: FloatArray
     samples: FloatArray
+    calibration_std: FloatArray
     log_likelihood_at_best: float
     diagnostics: Diagnostics
     prior_sensitivity: Mapping[str, float]
     warnings: tuple[str, ...]
+    chain: Chain
     has_no_effect: bool = False
-    chain: Chain | None = None
+
+    def draw(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """(n, n_parameters) samples, drawn with replacement."""
+        return self.samples[rng.integers(len(self.samples), size=n)]
 
     @property
     def log_evidence(self) -> float:
@@ -146,7 +152,7 @@ class LinearPosterior:
         modes: frequencies and MAC before and after the updating.
         diagnostics: diagnostics of the sampling.
         warnings: one sentence for each warning about the parameters.
-        chain: the samples chain by chain; None where they were not kept.
+        chain: the samples chain by chain.
         name: name of this class of parameters, "" where there is no other.
         evidence: the evidence of these parameters; None where no method has one.
     """
@@ -159,7 +165,7 @@ class LinearPosterior:
     modes: tuple[LinearMode, ...]
     diagnostics: Diagnostics
     warnings: tuple[str, ...]
-    chain: Chain | None = None
+    chain: Chain
     name: str = ""
     evidence: Evidence | None = None
 
@@ -429,6 +435,11 @@ class Updating(Result):
         return tuple(found)
 
     @property
+    def best(self) -> ClassPosterior | None:
+        """The class with the largest evidence; None where there is none."""
+        return next((each for each in self.classes if each.model_class.name == self.best_class), None)
+
+    @property
     def all_warnings(self) -> list[str]:
         """All warnings, those of phase I and of the classes last, each once."""
         of_linear = () if self.linear is None else self.linear.warnings
@@ -528,7 +539,7 @@ def _scale_shape(shape: FloatArray, like: FloatArray) -> FloatArray:
 
 def _convert_class(posterior: ClassPosterior) -> dict[str, Any]:
     own, first = posterior.model_class, posterior.evidences[0]
-    as_they_are = ("best", "covariance", "log_likelihood_at_best", "prior_sensitivity", "warnings")
+    as_they_are = ("best", "covariance", "calibration_std", "log_likelihood_at_best", "prior_sensitivity", "warnings")
     return {
         "name": own.name,
         "law": own.law_in_words,

@@ -125,6 +125,16 @@ class UpdatingThresholds:
     )
     # fraction of the points whose band excludes 0 that a wrong sign or unit must explain
     explained: float = 0.8
+    # standard deviations beyond which measurements contradict the others or the structure: many are looked at
+    contradicting_sigma: float = 4.0
+    # ratio less 1 of amplitudes from which on it is told: a wrong law, or a shape that is wrong, imitates less
+    least_apart: float = 0.15
+    # growth of a curve over that of the model below which it counts as this, for its logarithm is needed
+    least_grown: float = 0.01
+    # motion over that of the sensor that moves most, from which on a sensor tells its gain
+    least_motion: float = 0.3
+    # deviations at which the misfit of an entry of a shape counts no more, so that one sensor does not decide
+    most_misfit: float = 6.0
     # fraction of that growth that a class may leave unexplained where curves are too short to show their noise
     most_unexplained: float = 0.3
     # degrees of freedom with which the expected scatter between curves counts beside the observed one

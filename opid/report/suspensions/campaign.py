@@ -81,7 +81,7 @@ def _list_details(result: Campaign) -> Iterator[Block]:
 
 def overlay_laws(flights: dict[str, Flight]) -> Iterator[Block]:
     """Yield the figure in which a reader overlays the laws of flights, if there are some."""
-    from opid.plots.flight_laws import draw_flight_laws
+    from opid.plots.fleet import draw_flight_laws
 
     chosen = _choose_overlaid(flights)
     if not chosen:

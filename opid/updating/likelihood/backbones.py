@@ -193,6 +193,15 @@ def backbone_data(
     return BackboneData(system, tuple(modes), form, tuple(int(h) for h in harmonics), noise)
 
 
+def with_amplitudes(data: BackboneData, sensor: str, factor: float) -> BackboneData:
+    """Return the backbones as they are if all amplitudes of a controlled sensor are `factor` times as large."""
+    modes = []
+    for mode in data.modes:
+        scaled = tuple((name, nodes * factor if name == sensor else nodes) for name, nodes in mode.parts)
+        modes.append(replace(mode, parts=scaled))
+    return replace(data, modes=tuple(modes))
+
+
 def scatter_fault(mode: int) -> str:
     """Return the clause on a mode whose curves do not show how lambda varies, which the paper's forms need."""
     return (

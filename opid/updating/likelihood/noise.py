@@ -64,13 +64,15 @@ class NoiseSettings:
         force_noise: expected relative error of the work of the force at a point; it counts as much as one point.
         force_offset: expected relative offset of the work along a curve (a phase that is not that of the mode); the
             actual offset is inferred.
+        motion_error: standard deviation of the relative error of the amplitudes of each controlled sensor, alike in all
+            of its curves: its calibration. 0 takes the amplitudes as exact.
         harmonic_error: standard deviation of a relative error that all points of a sensor have in one of its higher
             harmonics: calibration there, and the motion that the force makes beside the backbone.
         harmonic_noise: standard deviation of a higher harmonic at a point, as a fraction of the largest first harmonic
             of all sensors: noise, and distortion of sensor and shaker.
 
     Raises:
-        InputError: a number that is not positive; the two growths may be 0.
+        InputError: a number that is not positive; the two growths and `motion_error` may be 0.
     """
 
     weight: float | Mapping[int, float] = 1.0
@@ -91,6 +93,7 @@ class NoiseSettings:
     force_floor: float = 0.002
     force_noise: float = 0.005
     force_offset: float = 0.01
+    motion_error: float = 0.01
     harmonic_error: float = 0.02
     harmonic_noise: float = 1e-4
 
@@ -101,7 +104,7 @@ class NoiseSettings:
         for name, value in given.items():
             if value is None or isinstance(value, Mapping) or name == "shapes":
                 continue
-            may_be_0 = name in ("linear_error_growth", "curve_growth")
+            may_be_0 = name in ("linear_error_growth", "curve_growth", "motion_error")
             if not (np.isfinite(value) and (value > 0 or (may_be_0 and value == 0))):
                 raise InputError(f"{name} is {value}: give {'0 or more' if may_be_0 else 'a positive number'}")
 

@@ -63,6 +63,10 @@ class Chain:
         """(n_parameters,) sample with the largest density."""
         return self.pooled[int(np.argmax(self.log_density))]
 
+    def draw(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """(n, n_parameters) samples, drawn with replacement."""
+        return self.pooled[rng.integers(len(self.pooled), size=n)]
+
     def thinned(self, n: int) -> FloatArray:
         """(n, n_parameters) samples, evenly spaced over all chains; all of them where there are fewer."""
         rows = np.linspace(0, len(self.pooled) - 1, min(n, len(self.pooled)))

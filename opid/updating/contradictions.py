@@ -1,0 +1,284 @@
+"""Measurements that contradict the others, or the structure, by more than their stated errors: one sentence for each.
+
+A curve in another unit, a sensor with a wrong gain or in the place of another one, a structure with another frequency
+and a changed structure all leave a law that fits tolerably and intervals that are narrow. What is left of the data with
+the best parameters of a class tells them from chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from opid.signals.recording import FloatArray
+from opid.updating.likelihood.backbones import BackboneData, ModeData, with_amplitudes
+from opid.updating.likelihood.curves import BoolArray, make_curves
+from opid.updating.likelihood.noise import NoiseSettings
+from opid.updating.measured import MeasuredBackbone, by_mode
+from opid.updating.model_class import ModelClass
+from opid.updating.settings import UPDATING
+from opid.updating.warnings import find_unfit_modes
+
+_STEP = 0.01  # of the logarithm of the amplitudes, over which lambda of the model is differentiated
+
+
+@dataclass(frozen=True, eq=False)
+class _CurveFit:
+    """How one curve differs from the model: as if its frequencies and its amplitudes were off by a factor each.
+
+    Args:
+        curve: the curve.
+        offset: relative error of its frequencies at small amplitudes.
+        amplitude: error of the logarithm of its amplitudes; nan where lambda hardly grows.
+        amplitude_std: standard deviation of that by the scatter of the points.
+    """
+
+    curve: MeasuredBackbone
+    offset: float
+    amplitude: float
+    amplitude_std: float
+
+
+def warn_of_contradictions(
+    data: BackboneData, model_class: ModelClass, best: FloatArray, backbones: Sequence[MeasuredBackbone]
+) -> Iterator[str]:
+    """Yield what contradicts the other measurements or the structure by more than the stated errors.
+
+    Args:
+        data: the backbones in the recommended form; other forms have no stated errors.
+        model_class: the class that explains them best.
+        best: (n_parameters,) its best parameters.
+        backbones: the measured backbones.
+    """
+    if data.form != "recommended":
+        return
+    fits: list[_CurveFit] = []
+    unfit = find_unfit_modes(data, model_class, best)
+    for mode, curves in zip(data.modes, by_mode(backbones).values(), strict=True):
+        own = _fit_curves(data, mode, curves, model_class, best)
+        if mode.mode not in unfit:  # The extrapolation of a wrong law to small amplitudes has an error of its own.
+            yield from _warn_of_frequency(mode, own, data.noise)
+        yield from _warn_of_days(mode, own, data.noise)
+        fits += own
+    wrong = list(_warn_of_sensors(data, model_class, best))
+    # A sensor in the place of the controlled one makes amplitudes wrong, too.
+    yield from wrong or _warn_of_amplitudes(fits)
+
+
+# ---- frequencies and amplitudes of curves -----------------------------------------------------------
+
+
+def _fit_curves(
+    data: BackboneData, mode: ModeData, curves: Sequence[MeasuredBackbone], model_class: ModelClass, best: FloatArray
+) -> list[_CurveFit]:
+    """Return how each curve of a mode differs from the model; none where the model has no curve."""
+    at_points = []
+    for factor in (1.0, np.exp(_STEP), np.exp(-_STEP)):
+        scaled = data
+        for sensor, _ in mode.parts:
+            scaled = with_amplitudes(scaled, sensor, factor)
+        own = next(each for each in scaled.modes if each.mode == mode.mode)
+        eigenvalue, _, _, lost = make_curves(scaled, own, model_class)(best[np.newaxis])
+        if lost[0]:
+            return []
+        at_points.append(mode.between @ eigenvalue[0] / mode.linear)
+    error, slope = mode.eigenvalue / mode.linear - at_points[0], (at_points[1] - at_points[2]) / (2 * _STEP)
+    fits = []
+    for number, curve in enumerate(curves):
+        mine = mode.curve == number
+        terms = np.column_stack([np.ones(mine.sum()), slope[mine]])
+        if np.ptp(slope[mine]) < UPDATING.least_growth or mine.sum() < 4:
+            fits.append(_CurveFit(curve, float(error[mine].mean()) / 2, np.nan, np.nan))
+            continue
+        fitted, left, *_ = np.linalg.lstsq(terms, error[mine], rcond=None)
+        variance = max(float(left.sum()) / (mine.sum() - 2), (2 * data.noise.point_noise) ** 2)
+        std = float(np.sqrt(variance * np.linalg.inv(terms.T @ terms)[1, 1]))
+        # Amplitudes that are (1 + 2 e)^1/2 times as large make the growth about 1 + 2 e times as large.
+        grown = max(1 + 2 * float(fitted[1]), UPDATING.least_grown)
+        fits.append(_CurveFit(curve, float(fitted[0]) / 2, float(np.log(grown)) / 2, std / grown))
+    return fits
+
+
+def _warn_of_frequency(mode: ModeData, fits: Sequence[_CurveFit], noise: NoiseSettings) -> Iterator[str]:
+    """Yield at most one sentence, on a structure whose frequency is off by more than `linear_error` allows."""
+    if not fits:
+        return
+    offsets = np.array([each.offset for each in fits])
+    scatter = max(noise.curve_offset, float(offsets.std(ddof=1)) if offsets.size > 1 else 0.0)
+    expected = float(np.hypot(noise.linear_error, scatter / np.sqrt(offsets.size)))
+    off = float(offsets.mean())
+    if abs(off) > UPDATING.contradicting_sigma * expected:
+        yield (
+            f"the curves of mode {mode.mode} lie {100 * abs(off):.1f} % {'above' if off > 0 else 'below'} the linear "
+            f"frequency of the structure, {mode.linear**0.5 / (2 * np.pi):.4g} Hz, where linear_error allows "
+            f"{100 * noise.linear_error:.2g} %: the shape and the growth of this mode may be as wrong, so update the "
+            "structure, or state its error"
+        )
+
+
+def _warn_of_days(mode: ModeData, fits: Sequence[_CurveFit], noise: NoiseSettings) -> Iterator[str]:
+    """Yield at most one sentence, on a test day whose frequencies are off by more than `day_offset` allows."""
+    days = list(dict.fromkeys(each.curve.day for each in fits if each.curve.day))
+    of_day = [np.array([each.offset for each in fits if each.curve.day == day]) for day in days]
+    if len(days) < 2:
+        return
+    centred = np.concatenate([each - each.mean() for each in of_day])
+    freedom = centred.size - len(days)
+    scatter = float(np.sqrt(centred @ centred / freedom)) if freedom else 0.0
+    scatter = max(scatter, noise.curve_offset if freedom < UPDATING.few_sets else 0.0)
+    for day, own in zip(days, of_day, strict=True):
+        others = np.concatenate([each for name, each in zip(days, of_day, strict=True) if name != day])
+        off = float(own.mean() - others.mean())
+        expected = np.sqrt(
+            noise.day_offset**2 * (1 + 1 / (len(days) - 1)) + scatter**2 * (1 / own.size + 1 / others.size)
+        )
+        if abs(off) > UPDATING.contradicting_sigma * expected:
+            yield (
+                f"the frequencies of mode {mode.mode} on day {day!r} are {100 * abs(off):.2g} % "
+                f"{'above' if off > 0 else 'below'} those of the other days, where day_offset allows "
+                f"{100 * noise.day_offset:.2g} %: the structure changed between the tests; state a larger day_offset, "
+                "or update each day by itself"
+            )
+            return
+
+
+def _warn_of_amplitudes(fits: Sequence[_CurveFit]) -> Iterator[str]:
+    """Yield at most one sentence, on curves whose amplitudes contradict those of the others.
+
+    Curves are divided by day, by the controlled sensor, by mode, and each from the others of its mode; the division
+    that explains most is told.
+    """
+    known = [each for each in fits if np.isfinite(each.amplitude)]
+    if len(known) < 2:
+        return
+    value = np.array([each.amplitude for each in known])
+    own_std = np.array([each.amplitude_std for each in known])
+    modes = [each.curve.mode for each in known]
+    divisions: list[tuple[str, list[bool], list[bool]]] = []  # words, curves that they mean, and the others
+    for day in dict.fromkeys(each.curve.day for each in known if each.curve.day):
+        there = [each.curve.day == day for each in known]
+        divisions.append((f"the curves of day {day!r}", there, [not each for each in there]))
+    for sensor in dict.fromkeys(each.curve.controlled_sensor for each in known):
+        there = [each.curve.controlled_sensor == sensor for each in known]
+        divisions.append((f"the curves over the amplitude of sensor {sensor!r}", there, [not each for each in there]))
+    for mode in dict.fromkeys(modes):
+        there = [each == mode for each in modes]
+        divisions.append((f"the curves of mode {mode}", there, [not each for each in there]))
+    for number, each in enumerate(known):
+        there = [other == number for other in range(len(known))]
+        beside = [mode == each.curve.mode and other != number for other, mode in enumerate(modes)]
+        divisions.append((f"curve {each.curve.name!r}", there, beside))
+    found = []
+    for words, there, beside in divisions:
+        one, other = np.flatnonzero(there), np.flatnonzero(beside)
+        if not (one.size and other.size):
+            continue
+        # The median of the others leaves out a second odd curve among them.
+        off = float(value[one].mean() - np.median(value[other]))
+        left = np.concatenate([value[one] - value[one].mean(), value[other] - np.median(value[other])])
+        freedom = max(left.size - 2, 1)
+        scatter = max(float(np.sqrt(left @ left / freedom)), float(np.median(own_std)))
+        score = abs(off) / (scatter * np.sqrt(1 / one.size + 1 / other.size))
+        if abs(off) > UPDATING.least_apart and score > UPDATING.contradicting_sigma:
+            found.append((score, off, words))
+    if found:
+        _, off, words = max(found)
+        yield (
+            f"the amplitudes of {words} contradict those of the others, with which they agree if they are multiplied "
+            f"by {np.exp(off):.2g}: check their unit and the gain of their sensor; theta is a compromise between them"
+        )
+
+
+# ---- sensors ----------------------------------------------------------------------------------------
+
+
+def _warn_of_sensors(data: BackboneData, model_class: ModelClass, best: FloatArray) -> Iterator[str]:
+    """Yield at most one sentence, on two sensors in each other's place, or one with another gain or sign."""
+    pairs = [pair for mode in data.modes if (pair := _find_shapes(data, mode, model_class, best)) is not None]
+    if not pairs or not data.noise.shapes:
+        return
+    names, std = data.system.sensors, float(np.hypot(data.noise.linear_shape_error, data.noise.shape_offset))
+    measured, model = (np.array(each) for each in zip(*pairs, strict=True))
+    seen = np.isfinite(measured)
+
+    def find_misfit(shapes: FloatArray) -> float:
+        # Each mode has the length that fits the model best, by the sensors that agree.
+        scale = np.nanmedian(np.where(_find_moving(model), model / shapes, np.nan), axis=1)
+        error = np.where(seen, shapes * scale[:, np.newaxis] - model, 0.0) / std
+        return float(np.sum(np.minimum(error**2, UPDATING.most_misfit**2)))
+
+    as_given = find_misfit(measured)
+    exchanged = []
+    for one, other in combinations(range(len(names)), 2):
+        if seen[:, [one, other]].all():
+            swapped = measured.copy()
+            swapped[:, [one, other]] = measured[:, [other, one]]
+            exchanged.append((find_misfit(swapped), one, other))
+    if exchanged:
+        left, one, other = min(exchanged)
+        if as_given - left > UPDATING.contradicting_sigma**2 and left < UPDATING.explained * as_given:
+            yield (
+                f"sensors {names[one]!r} and {names[other]!r} seem to be exchanged: the measured shapes are nearer to "
+                f"the structure then (misfit {left:.0f} instead of {as_given:.0f}); check the order of the columns"
+            )
+            return
+    yield from _warn_of_gain(names, measured, model, std)
+
+
+def _warn_of_gain(names: Sequence[str], measured: FloatArray, model: FloatArray, std: float) -> Iterator[str]:
+    """Yield at most one sentence, on a sensor that reads another multiple of its motion than the other ones."""
+    # Of two sensors nobody knows which one is wrong.
+    kept = _find_moving(model).sum(axis=1) >= UPDATING.fewest_alike
+    if not kept.any():
+        return
+    measured, model, moves = measured[kept], model[kept], _find_moving(model)[kept]
+    ratio = np.where(moves, measured / np.where(moves, model, 1.0), np.nan)
+    ratio = ratio / np.nanmedian(ratio, axis=1, keepdims=True)
+    found = []
+    for column, name in enumerate(names):
+        own, weight = ratio[moves[:, column], column], (model[moves[:, column], column] / std) ** 2
+        if not own.size:
+            continue
+        gain = float(weight @ own / weight.sum())
+        # A gain is the same in all modes; an error of a shape is not.
+        chance = float(np.sqrt(1 / weight.sum()))
+        apart = float(np.sqrt(weight @ (own - gain) ** 2 / own.size))
+        score = abs(gain - 1.0) / chance
+        if score > UPDATING.contradicting_sigma and abs(gain - 1.0) > UPDATING.least_apart and apart < score / 2:
+            found.append((score, gain, name))
+    if found:
+        _, gain, name = max(found)
+        yield (
+            f"sensor {name!r} reads {gain:.2g} times what the structure and the other sensors say, in all modes in "
+            "which it moves: check its unit, its gain and its sign; where it is the controlled sensor, theta is wrong"
+        )
+
+
+def _find_moving(model: FloatArray) -> BoolArray:
+    """Return which sensors move enough to tell their gain, (n_modes, n_sensors); not those that a curve lacks."""
+    size = np.nan_to_num(np.abs(model))
+    return np.asarray(size > UPDATING.least_motion * size.max(axis=1, keepdims=True))
+
+
+def _find_shapes(
+    data: BackboneData, mode: ModeData, model_class: ModelClass, best: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the mean measured shape of a mode and that of the model, (n_sensors,) each, nan where a sensor lacks.
+
+    They are means over the points, in the unit of the model's shapes of unit length. None where the model has no curve.
+    """
+    _, shapes, _, lost = make_curves(data, mode, model_class)(best[np.newaxis])
+    if lost[0]:
+        return None
+    expected, n = mode.between @ shapes[0], len(data.system.sensors)
+    own = np.where(np.sum(mode.shapes * expected, axis=1, keepdims=True) < 0, -mode.shapes, mode.shapes)
+    measured, model = np.full(n, np.nan), np.full(n, np.nan)
+    with_sensor = mode.seen
+    there = with_sensor.any(axis=0)
+    counts = np.maximum(with_sensor.sum(axis=0), 1)
+    measured[mode.rows[there]] = (np.where(with_sensor, own, 0.0).sum(axis=0) / counts)[there]
+    model[mode.rows[there]] = (np.where(with_sensor, expected, 0.0).sum(axis=0) / counts)[there]
+    return measured, model
