@@ -92,7 +92,8 @@ def test_a_sensor_with_another_gain_or_sign_is_named():
 def test_exchanged_sensors_are_named():
     names = ("plate", "bend", "twist", "right", "left")
     curves = tuple(replace(one, sensors=names) for one in made.backbones(0, shape_noise=0.0))
-    assert tell(curves) == []  # Both arms are alike, and nobody can tell.
+    (told,) = tell(curves)
+    assert "sensors 'left' and 'right' seem to be exchanged" in told
     swapped = ("bend", "plate", "twist", "left", "right")
     curves = tuple(replace(one, sensors=swapped) for one in made.backbones(0, shape_noise=0.0))
     (told,) = tell(curves)
