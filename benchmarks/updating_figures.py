@@ -349,8 +349,8 @@ def joint_study(seed: int, errors: str, linear: str) -> tuple[UpdatingStudy, dic
         system(*factors.values()), apart, theta, rng=rng, linear_error=share, **ERRORS[errors]
     )
     study = UpdatingStudy(
-        title="joint", structure=structure, backbones=measured, classes=(apart,), is_joint=True, sampler="nuts", noise=EXACT,
-        parameters=dict.fromkeys(structure.parts, Prior("uniform", 0.05, 5.0)), seed=seed,
+        title="joint", structure=structure, backbones=measured, classes=(apart,), is_joint=True, sampler="nuts",
+        parameters=dict.fromkeys(structure.parts, Prior("uniform", 0.05, 5.0)), noise=EXACT, seed=seed,
     )  # fmt: skip
     return study, dict(zip([f"theta_{k}" for k in range(1, 7)], [*theta, *factors.values()], strict=True))
 
