@@ -100,7 +100,7 @@ def test_a_spline_is_read_and_written_with_its_knots():
     own = table.model
     assert own.terms == spline_terms([6.8e7] * 3, [5e-4, 1e-3])
     assert own.priors == (Prior(), Prior("normal", 0, 1), Prior("normal", 0, 1))
-    assert own.law_in_words == "cubic + late cubic from 0.5 mm + late cubic from 1 mm"
+    assert own.law_in_words == "cubic + late cubic from 0.5 and 1 mm"
     keys = ["cubic_stiffness", "late_cubic_stiffness from 0.5 mm", "late_cubic_stiffness from 1 mm"]
     assert [each.key for each in own.parameters] == keys
     assert tabulate_class(own).model.terms == own.terms

@@ -177,10 +177,11 @@ def list_harmonic_figures(result: Updating) -> Iterator[Figure]:
         yield Figure(
             f"harmonic_{order}_mode_{mode}",
             f"Mode {mode}: harmonic {order} of every sensor",
-            "Amplitude at the multiple of the frequency over that of the controlled sensor, and its 95 % band at the "
-            "measured points by the best class, which was not fitted to them; below 0 it is smallest where the "
-            "controlled sensor is farthest out. The band opens where the harmonic meets another mode. Points that "
-            "leave it ask for another law, or for that mode elsewhere."
+            "Points are the measured amplitudes at the multiple of the frequency, over that of the controlled sensor; "
+            "below 0 the motion is smallest where the controlled sensor is farthest out. The line is the median of "
+            "what the best class predicts at these points, to which it was not fitted, and the band holds 95 % of it. "
+            "It opens where the harmonic meets another mode. Points that leave it ask for another law, or for that "
+            "mode elsewhere."
             if number == 0
             else "",
             lambda bands=bands: plots.higher_harmonics(bands),  # type: ignore[misc]

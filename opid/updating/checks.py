@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from dataclasses import dataclass
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -112,6 +113,126 @@ def warn_of_overlaps(backbones: Sequence[MeasuredBackbone]) -> list[str]:
         for low, high in pairwise(hz)
         if hz[low].max() >= hz[high].min()
     ]
+
+
+# ---- copies ----------------------------------------------------------------------------------------
+
+_MOST_DIGITS = 12  # Digits beyond these come from conversions of units.
+
+
+def warn_of_copies(backbones: Sequence[MeasuredBackbone]) -> list[str]:
+    """Return one warning for each set of curves of a mode that are the same measurement.
+
+    Curves are copies if all columns that they share agree within the digits with which they are written; one column of
+    a motion or force may differ by a constant factor, for a sensor has another gain; a factor of the frequency is the
+    offset of another test. Repeated tests scatter by more than their digits. Where digits are so few that tests might
+    agree by chance, curves are copies only if they come from files of equal content.
+    """
+    found = []
+    for mode, curves in by_mode(backbones).items():
+        sets: list[tuple[list[str], str]] = []
+        for one, other in combinations(curves, 2):
+            if (copy := _compare_curves(one, other)) is None:
+                continue
+            known = next((names for names, _ in sets if one.name in names), None)
+            if known is None:
+                sets.append(([one.name, other.name], copy.words))
+            elif other.name not in known:
+                known.append(other.name)
+        for names, words in sets:
+            listed = f"{', '.join(map(repr, names[:-1]))} and {names[-1]!r}"
+            found.append(
+                f"the curves {listed} of mode {mode} are one measurement: they agree in all digits{words}, and each "
+                "counts as a test of its own, which makes intervals too narrow; leave all but one out"
+            )
+    return found
+
+
+@dataclass(frozen=True)
+class _Copy:
+    """What distinguishes two curves that are one measurement."""
+
+    rescaled: str = ""  # the column that differs by a factor
+    factor: float = 1.0
+
+    @property
+    def words(self) -> str:
+        return f" but for a factor of {self.factor:.4g} in {self.rescaled}" if self.rescaled else ""
+
+
+def _compare_curves(one: MeasuredBackbone, other: MeasuredBackbone) -> _Copy | None:
+    """Return what distinguishes two curves that are copies; None if they are different measurements."""
+    pairs = _list_columns(one, other)
+    if one.frequency_hz.size != other.frequency_hz.size or len(pairs) < 2:
+        return None
+    copy, log_chance = _Copy(), 0.0
+    for name, scatter, first, second in pairs:
+        errors = [_find_rounding(each) for each in (first, second)]
+        sizes = np.abs(first), np.abs(second)
+        with_sign = first * second
+        # Rounding leaves a range of factors at each point; a copy has one that lies in all ranges.
+        low = float(np.max(np.maximum(sizes[1] - errors[1], 0.0) / (sizes[0] + errors[0])))
+        inner = sizes[0] - errors[0]
+        high = float(np.min((sizes[1] + errors[1])[inner > 0] / inner[inner > 0], initial=np.inf))
+        is_turned = bool((with_sign < 0).any())
+        if low > high or (is_turned and (with_sign > 0).any()):
+            return None
+        if is_turned or not low <= 1.0 <= high:
+            if copy.rescaled or first is one.frequency_hz:
+                return None
+            middle = 0.5 * (low + high)
+            copy = _Copy(name, -middle if is_turned else middle)
+        if scatter > 0:
+            unit = 2 * np.maximum(errors[0], errors[1]) / np.maximum(sizes[0], 1e-300)
+            log_chance += float(np.sum(np.log(np.minimum(unit / scatter, 1.0))))
+    files = [{each.sha256 for each in curve.files[:1]} for curve in (one, other)]
+    is_same_file = bool(files[0] & files[1]) and not copy.rescaled
+    return copy if is_same_file or log_chance < np.log(UPDATING.rare) else None
+
+
+def _list_columns(one: MeasuredBackbone, other: MeasuredBackbone) -> list[tuple[str, float, FloatArray, FloatArray]]:
+    """Return name, scatter between repeated tests and values of each column that both curves have.
+
+    The controlled amplitude has no scatter: tests may be held at the same ones.
+    """
+    frequency, motion = UPDATING.repeated_frequency, UPDATING.repeated_motion
+    found = [("the frequency", frequency, one.frequency_hz, other.frequency_hz)]
+    for sensor in (each for each in one.sensors if each in other.sensors):
+        scatter = 0.0 if sensor in (one.controlled_sensor, other.controlled_sensor) else motion
+        # The signs are those against the controlled sensor.
+        first, second = (
+            each.amplitude[:, each.sensors.index(sensor)]
+            * np.sign(each.amplitude[:, each.sensors.index(each.controlled_sensor)])
+            for each in (one, other)
+        )
+        found.append((f"sensor {sensor!r}", scatter, first, second))
+    if one.force_n is not None and other.force_n is not None:
+        found.append(("the force", motion, one.force_n, other.force_n))
+    return found
+
+
+def _find_rounding(values: FloatArray) -> FloatArray:
+    """Return the largest rounding error of each value of a column, by the digits with which all of it is written.
+
+    Columns are written with the same number of digits, or with the same number of decimals.
+    """
+    size = np.abs(values)
+    power = np.floor(np.log10(np.maximum(size, 1e-300)))
+    units = [_find_unit(values, each) for each in (power, np.full_like(power, power.max()))]
+    return 0.5 * np.maximum(*units) + 10.0**-_MOST_DIGITS * size
+
+
+def _find_unit(values: FloatArray, power: FloatArray) -> FloatArray:
+    """Return units of which all values are multiples, as few digits as possible below powers of ten."""
+    unit = 10.0**power
+    for _ in range(_MOST_DIGITS):
+        if (np.abs(values / unit - np.round(values / unit)) <= 10.0**-_MOST_DIGITS * np.abs(values) / unit).all():
+            break
+        unit = unit / 10
+    return unit
+
+
+# ---- modes of curves -------------------------------------------------------------------------------
 
 
 def _describe_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:

@@ -56,8 +56,8 @@ def predict_responses(
         theta: (n, n_parameters) draws of its parameters.
         wanted: the responses.
         measured: the backbones that were measured, which tell how far the tests reached.
-        unfit: numbers of the measured modes that the class does not fit; their responses have no intervals, and those
-            of modes without curves have none if there is any.
+        unfit: numbers of the measured modes that the class does not fit. If there is any, no response has an interval,
+            for the same theta predicts all modes.
         rng: source of chance.
     """
     extended = max(reached_extensions(data.system, measured).values(), default=0.0)
@@ -66,8 +66,7 @@ def predict_responses(
     for one in wanted:
         for force_n in one.force_n:
             shaken = _Shaken(data, model_class, one, force_n)
-            is_unfit = bool(unfit) if shaken.curves is None else one.mode in unfit
-            response, told = _predict_response(shaken, theta, extended, is_unfit, rng)
+            response, told = _predict_response(shaken, theta, extended, unfit, rng)
             found += [response] if response is not None else []
             sentences += told
     return tuple(found), sentences
@@ -121,7 +120,7 @@ class _Shaken:
 
 
 def _predict_response(
-    shaken: _Shaken, theta: FloatArray, extended: float, is_unfit: bool, rng: np.random.Generator
+    shaken: _Shaken, theta: FloatArray, extended: float, unfit: Collection[int], rng: np.random.Generator
 ) -> tuple[ForcedResponse | None, list[str]]:
     """Return a response, or None, and the sentences about it; joints extended by `extended`, m, in the tests."""
     noise, system, wanted = shaken.data.noise, shaken.data.system, shaken.wanted
@@ -153,7 +152,7 @@ def _predict_response(
     hz, peaks[0] = (to_hz((2 * np.pi * each) ** 2 + own) for each, own in ((hz, errors[:, None]), (peaks[0], errors)))
     seen = moved[:, system.sensor(wanted.seen_at)]
     amplitude, peaks[1] = amplitude * seen[:, None], peaks[1] * seen
-    told = list(_warn(shaken, peaks, is_unfit))
+    told = list(_warn(shaken, peaks, unfit))
     extension = system.extension_over(wanted.mode, shaken.controlled) * held
     beyond = list(warn_of_extrapolation(shaken.words, extension, extended))
     peak_hz, peak_amplitude = (_estimate(each, has_interval=not told) for each in peaks)
@@ -188,7 +187,7 @@ def _draw_errors(
     return errors[:, -1], moved
 
 
-def _warn(shaken: _Shaken, peaks: FloatArray, is_unfit: bool) -> Iterator[str]:
+def _warn(shaken: _Shaken, peaks: FloatArray, unfit: Collection[int]) -> Iterator[str]:
     """Yield why the peaks, (2, n_draws), have no interval."""
     lost = float(np.isnan(peaks[0]).mean())
     if lost > UPDATING.most_lost:
@@ -196,10 +195,11 @@ def _warn(shaken: _Shaken, peaks: FloatArray, is_unfit: bool) -> Iterator[str]:
             f"{shaken.words}: {100 * lost:.0f} % of the draws have no resonance, and the response has no interval: "
             "give less force"
         )
-    if is_unfit:
+    if unfit:
+        modes = " and ".join(f"mode {mode}" for mode in sorted(unfit))
         yield (
             f"{shaken.words}: the response has no interval, for the laws of {shaken.model_class.name!r} do not fit the "
-            "tests: try another class"
+            f"tests of {modes}, and all modes have the same laws: try another class"
         )
 
 

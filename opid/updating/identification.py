@@ -13,7 +13,7 @@ from opid.errors import InputError, NotDeterminedError, refuse
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
-from opid.updating.checks import warn_of_overlaps
+from opid.updating.checks import warn_of_copies, warn_of_overlaps
 from opid.updating.confusion import find_confusion
 from opid.updating.contradictions import warn_of_contradictions
 from opid.updating.forced_response import predict_damping, predict_responses
@@ -104,6 +104,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
         prediction=bands,
         warnings=(
             *([unused] if stated else []),
+            *warn_of_copies(study.backbones),
             *warn_of_overlaps(study.backbones),
             *(f"linear structure: {warning}" for warning in (linear.warnings if linear else ())),
             *warn_of_linear_choice(linear_classes),

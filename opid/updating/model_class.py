@@ -16,6 +16,7 @@ from scipy import special, stats
 
 from opid.errors import InputError, list_names, nearest
 from opid.mechanics.backbones.harmonic_balance import TRIED_M, TRIED_M_PER_S, depends_on_rate
+from opid.mechanics.laws.kind import TINY
 from opid.mechanics.laws.kinds import LAWS, Kind, Parameter
 from opid.mechanics.laws.law import Term, TermSet
 from opid.signals.recording import FloatArray
@@ -25,6 +26,8 @@ LINEAR_DAMPING = "signed_power_damping"
 
 LATE_CUBIC = "late_cubic_stiffness"
 """The kind of which a spline has one term for each knot."""
+
+_NO_DENSITY = 40.0  # standard deviations beyond which the density of a normal distribution is 0 in floating point
 
 Family = Literal["uniform", "normal", "lognormal"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
@@ -112,11 +115,14 @@ class Prior:
         """
         given = np.asarray(score, dtype=np.float64)
         if self.family == "uniform":
-            width = self.second - self.first
-            return self.first + width * special.ndtr(given), width * np.exp(-0.5 * given**2) / np.sqrt(2 * np.pi)
+            width, near = self.second - self.first, np.clip(given, -_NO_DENSITY, _NO_DENSITY)
+            return self.first + width * special.ndtr(given), width * np.exp(-0.5 * near**2) / np.sqrt(2 * np.pi)
         if self.family == "normal":
             return self.first + self.second * given, np.full_like(given, self.second)
-        value = self.first * np.exp(self.second * given)
+        # A value or slope beyond the largest number is infinite.
+        logarithm = np.log(self.first) + self.second * given
+        most = np.log(np.finfo(np.float64).max) - max(0.0, float(np.log(self.second)))
+        value = np.where(logarithm < most, np.exp(np.minimum(logarithm, most)), np.inf)
         return value, self.second * value
 
     def to_normal(self, value: ArrayLike) -> FloatArray:
@@ -124,8 +130,10 @@ class Prior:
         given = np.asarray(value, dtype=np.float64)
         if self.family == "uniform":
             return special.ndtri((given - self.first) / (self.second - self.first))
-        given = np.log(given / self.first) if self.family == "lognormal" else given - self.first
-        return np.asarray(given / self.second)
+        if self.family == "normal":
+            return np.asarray((given - self.first) / self.second)
+        logarithm = np.log(given, out=np.full(given.shape, -np.inf), where=given > 0.0)
+        return np.asarray((logarithm - np.log(self.first)) / self.second)
 
     def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
         """(n,) independent draws."""
@@ -220,7 +228,7 @@ class UncertainTerm:
     @property
     def start(self) -> str:
         """Where it begins: " from 0.5 mm"; "" where that is not known, or at rest."""
-        return "" if self.gap_m is None else f" from {1e3 * self.gap_m:g} mm"
+        return "" if self.gap_m is None else _write_start([self.gap_m])
 
     @property
     def place(self) -> str:
@@ -230,6 +238,13 @@ class UncertainTerm:
     def acts_at(self, joint: str) -> bool:
         """Return whether the joint called `joint` has the term."""
         return not self.joints or joint in self.joints
+
+
+def _write_start(gaps_m: Sequence[float]) -> str:
+    """Return where terms begin, in mm: " from 0.5, 1 and 1.5 mm"."""
+    *first, last = (f"{1e3 * each:g}" for each in sorted(gaps_m))
+    listed = f"{', '.join(first)} and {last}" if first else last
+    return f" from {listed} mm"
 
 
 def _is_positive(kind: Kind, parameter: Parameter) -> bool:
@@ -460,6 +475,12 @@ class ModelClass:
         """(n,) whether each parameter of all terms is unknown."""
         return np.array([prior is not None for each in self.terms for prior in each.priors])
 
+    @cached_property
+    def _is_divisor(self) -> NDArray[np.bool_]:
+        """(n,) whether each parameter of all terms is a scale, by which a force divides, or an exponent."""
+        own = [each for term in self.terms for each in LAWS[term.kind].parameters]
+        return np.array([each.role in ("scale", "exponent") for each in own])
+
     @property
     def scales(self) -> FloatArray:
         """(n,) the factor that takes theta to each unknown parameter of the laws in its unit."""
@@ -472,8 +493,16 @@ class ModelClass:
 
     @property
     def law_in_words(self) -> str:
-        """The law in short words: "cubic + quintic", "cubic at front + quadratic at rear"."""
-        return " + ".join(each.words for each in self.terms)
+        """The law in short words: "cubic + quintic", "cubic at front + late cubic from 0.5 and 1 mm at rear"."""
+        words: dict[tuple[str, str], str] = {}
+        gaps: dict[tuple[str, str], list[float]] = {}
+        for each in self.terms:
+            own = each.kind, each.place
+            words[own] = each.words
+            if each.gap_m is not None:
+                gaps.setdefault(own, []).append(each.gap_m)
+                words[own] = f"{short_kind(each.kind)}{_write_start(gaps[own])}{each.place}"
+        return " + ".join(words.values())
 
     @property
     def n_parameters(self) -> int:
@@ -500,7 +529,8 @@ class ModelClass:
         scales = np.array([scale for each in self.terms for scale in each.scales])
         values = np.broadcast_to(scales, (*unknown.shape[:-1], scales.size)).copy()
         values[..., self.is_unknown] *= unknown
-        return values
+        # A prior may end at 0: a friction that reverses within no velocity at all is the limit of very small ones.
+        return np.where(self._is_divisor, np.maximum(values, TINY), values)
 
     def law(self, joint: str, theta: Sequence[float] | FloatArray) -> TermSet:
         """Return the law of the joint called `joint` for one theta, (n_parameters,); without a term it is linear."""

@@ -96,6 +96,7 @@ def update_class(
         n_samples: number of samples of all chains, the warm-up included.
         evidences: some of "quadrature", "laplace", "importance" and "transitional"; classes are compared by the first.
             Where None, quadrature, which is exact, and Laplace up to three parameters; importance and Laplace beyond.
+            The transitional sampler adds its own, which comes first where another method gives none.
         progress: a function that is called with the fraction of the samples that are drawn; by transitional Markov
             chain Monte Carlo with the exponent of the likelihood, which ends at 1, too.
 
@@ -108,7 +109,7 @@ def update_class(
         raise InputError(f"there is no sampler {sampler!r}: {nearest(sampler, SAMPLERS)}")
     if sampler == "nuts" and data.form != "recommended":
         raise InputError(f"the likelihood {data.form!r} has no slopes: take another sampler, or the recommended form")
-    data, density, peak, warnings = _find_adapted_peak(data, model_class, rng)
+    data, density, peak, warnings = _find_adapted_peak(data, model_class, rng, holds_all=sampler == "transitional")
     stages = None
     if peak is None or sampler == "transitional" or "transitional" in methods:
         stages = transitional(
@@ -224,17 +225,20 @@ def estimate_evidence(data: BackboneData, model_class: ModelClass, rng: np.rando
 
 
 def _find_adapted_peak(
-    data: BackboneData, model_class: ModelClass, rng: np.random.Generator
+    data: BackboneData, model_class: ModelClass, rng: np.random.Generator, *, holds_all: bool = False
 ) -> tuple[BackboneData, Density, Maximum | None, list[str]]:
-    """Return the data as the class sees them at its maximum, its density, its maximum, and warnings."""
+    """Return the data as the class sees them at its maximum, its density, its maximum, and warnings.
+
+    `holds_all` is whether the samples will be those of all maxima.
+    """
     found, density = data, density_of(data, model_class)
-    peak, warnings = _find_peak(density, found, model_class, rng)
+    peak, warnings = _find_peak(density, found, model_class, rng, holds_all)
     for _ in range(1 if data.met_damping is None else UPDATING.n_paired):
         if peak is None or (adapted := adapt_to_class(data, model_class, peak.theta)) is data:
             break
         found, density = adapted, density_of(adapted, model_class)
         near = _follow_peak(density, model_class, peak, rng)
-        peak, warnings = _find_peak(density, found, model_class, rng) if near is None else (near, warnings)
+        peak, warnings = _find_peak(density, found, model_class, rng, holds_all) if near is None else (near, warnings)
     return found, density, peak, warnings
 
 
@@ -262,7 +266,7 @@ def _choose_methods(evidences: Sequence[str] | None, n_parameters: int) -> tuple
 
 
 def _find_peak(
-    density: Density, data: BackboneData, model_class: ModelClass, rng: np.random.Generator
+    density: Density, data: BackboneData, model_class: ModelClass, rng: np.random.Generator, holds_all: bool
 ) -> tuple[Maximum | None, list[str]]:
     """Return the highest maximum from several starts, None where none has a curvature, and warnings about it."""
     support = [prior.support for prior in model_class.priors]
@@ -305,9 +309,14 @@ def _find_peak(
     warnings = []
     if len(peaks) > 1 and peaks[0].log_density - peaks[1].log_density < 5:
         other = ", ".join(f"{value:.3g}" for value in peaks[1].theta)
+        advice = (
+            "mean and interval are those of both together; if one is impossible, give a prior that leaves it out"
+            if holds_all
+            else "take the transitional sampler, which finds both"
+        )
         warnings.append(
             f"there is a second maximum at theta = ({other}), {peaks[0].log_density - peaks[1].log_density:.1f} lower "
-            "in log density: take the transitional sampler, which finds both"
+            f"in log density: {advice}"
         )
     return peaks[0], warnings
 
@@ -494,5 +503,7 @@ def _compute_evidences(
         except (NotDeterminedError, InputError) as error:
             refused.append(f"{method} gives no evidence: {error}")
     if stages and "transitional" not in methods:
-        found.append(stages.evidence)
+        # Classes are compared by the first: where a method refuses, Laplace's is hardly right.
+        found.insert(0 if refused else len(found), stages.evidence)
+        refused = [f"{each}; the class is compared by its transitional evidence" for each in refused]
     return tuple(found) or (by_samples(),), refused

@@ -19,6 +19,10 @@ class UpdatingThresholds:
     apart: float = 0.1  # fraction by which curves of one mode may begin at different frequencies
     # fraction of the largest extension of a joint in any mode, below which its law has no effect
     least_extension: float = 1e-3
+    # scatter of the points of good tests, as fractions of frequency and of motion: two curves that agree in coarser
+    # digits may still be two tests
+    repeated_frequency: float = 2e-4
+    repeated_motion: float = 5e-3
     modes_above: int = 8  # modes above the highest that is named, among which the right one is searched
     prior_reach: float = 5.0  # standard deviations that are the range of a prior without an end
     # fraction of the upper end of a prior with the lower end 0, from which on the Ritz vectors are right
@@ -120,9 +124,8 @@ class UpdatingThresholds:
     # relative distance of a harmonic to a mode within which an error of that mode changes it noticeably: 0.4 % of the
     # frequency are then 3 % of the harmonic
     harmonic_reach: float = 0.15
-    least_part: float = (
-        0.3  # ... and its motion over that of the mode that moves the sensor most, from which on it counts
-    )
+    # A mode near a harmonic counts from this motion on, over that of the mode that moves the sensor most.
+    least_part: float = 0.3
     # fraction of the points whose band excludes 0 that a wrong sign or unit must explain
     explained: float = 0.8
     # standard deviations beyond which measurements contradict the others or the structure: many are looked at

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
-from scipy.special import log_ndtr, logsumexp, ndtri_exp
+from scipy.special import gammaln, log_ndtr, logsumexp, ndtri_exp
 
 from opid.errors import InputError, NotDeterminedError
 from opid.signals.recording import FloatArray
@@ -267,12 +267,12 @@ def laplace_of_samples(log_density_at_best: float, best: FloatArray, chain: Chai
 
     The density at `best`, (n_parameters,), has all its constants. The standard deviation is that of the determinant for
     the finite number of effective samples; it does not include the error for a posterior that is not normal. Where the
-    posterior presses against a bound, take `laplace` or `quadrature` instead.
+    posterior presses against a bound, take `laplace` or `quadrature` instead. NotDeterminedError: samples that do not
+    scatter in one direction.
     """
-    covariance, d = chain.covariance, chain.n_parameters
-    root = covariance_root(covariance, d)
-    score = linalg.solve_triangular(root, best - chain.pooled.mean(axis=0), lower=True)
-    value = log_density_at_best + _find_log_volume(covariance) + 0.5 * float(score @ score)
+    d, (deviation, root) = chain.n_parameters, _find_scatter(chain)
+    score = linalg.solve_triangular(root, (best - chain.pooled.mean(axis=0)) / deviation, lower=True)
+    value = log_density_at_best + 0.5 * (d * np.log(2 * np.pi) + float(score @ score)) + _log_size(deviation, root)
     return Evidence("laplace", value, float(np.sqrt(d / (2 * effective_samples(chain.samples).min()))))
 
 
@@ -290,7 +290,8 @@ def importance(log_density: LogDensity, chain: Chain, *, rng: np.random.Generato
         n_draws: number of draws.
 
     Raises:
-        NotDeterminedError: the draws are worth too few, for the density is far from a normal one.
+        NotDeterminedError: the draws are worth too few, for the density is far from a normal one; or the samples do
+            not scatter in one direction.
 
     >>> rng = np.random.default_rng(1)
     >>> samples = rng.standard_normal((4, 500, 2))
@@ -299,12 +300,14 @@ def importance(log_density: LogDensity, chain: Chain, *, rng: np.random.Generato
     >>> abs(found.log_evidence - np.log(2 * np.pi)) < 4 * found.std < 0.1
     True
     """
-    from scipy.stats import multivariate_t
-
-    nu, middle = UPDATING.proposal_freedom, chain.pooled.mean(axis=0)
-    proposal = multivariate_t(middle, chain.covariance * (nu - 2) / nu, df=nu, seed=rng)
-    theta = np.reshape(proposal.rvs(n_draws), (n_draws, middle.size))
-    log_weight = evaluate(log_density, theta) - np.reshape(proposal.logpdf(theta), n_draws)
+    nu, d, (deviation, root) = UPDATING.proposal_freedom, chain.n_parameters, _find_scatter(chain)
+    # Parameters may have very different sizes: the proposal is made in units of their standard deviations.
+    stretch = np.sqrt((nu - 2) / rng.chisquare(nu, size=(n_draws, 1)))
+    score = stretch * rng.standard_normal((n_draws, d))
+    theta = chain.pooled.mean(axis=0) + deviation * (score @ root.T)
+    log_proposal = gammaln((nu + d) / 2) - gammaln(nu / 2) - 0.5 * d * np.log((nu - 2) * np.pi)
+    log_proposal -= _log_size(deviation, root) + 0.5 * (nu + d) * np.log1p(np.sum(score**2, axis=1) / (nu - 2))
+    log_weight = evaluate(log_density, theta) - log_proposal
     if np.isneginf(log_weight).all():
         raise NotDeterminedError("no draw about the samples has a density: the samples are not of this density")
     total = float(logsumexp(log_weight))
@@ -313,7 +316,7 @@ def importance(log_density: LogDensity, chain: Chain, *, rng: np.random.Generato
     if worth < UPDATING.least_worth * n_draws:
         raise NotDeterminedError(
             f"{n_draws} draws about the samples are worth only {worth:.0f}: the posterior is far from a normal "
-            "distribution; take transitional"
+            "distribution, which transitional sampling allows"
         )
     return Evidence("importance", total - float(np.log(n_draws)), float(np.sqrt(1 / worth - 1 / n_draws)))
 
@@ -367,8 +370,8 @@ def quadrature(
         n, before = n + n // 2, value
     raise NotDeterminedError(
         f"the integral did not converge to {tolerance:g} within {max_evaluations} evaluations: the posterior has "
-        "steps, long tails or several maxima; draw more samples, which show how far it reaches, or take the "
-        "transitional evidence",
+        "steps, long tails or several maxima, which transitional sampling allows; draw more samples, which show how "
+        "far it reaches",
         partial=before,
     )
 
@@ -414,6 +417,42 @@ def _find_log_between(left: FloatArray, right: FloatArray) -> FloatArray:
     a, b = np.where(flip, -right, left), np.where(flip, -left, right)
     upper, lower = log_ndtr(b), log_ndtr(a)
     return upper + np.log(-np.expm1(np.minimum(lower - upper, -1e-16)))
+
+
+def _find_scatter(chain: Chain) -> tuple[FloatArray, FloatArray]:
+    """Return the standard deviations of samples, (d,), and the lower triangular root of their correlations, (d, d).
+
+    NotDeterminedError: a parameter that is the same in all samples, or parameters that follow each other exactly.
+    """
+    middle = chain.pooled.mean(axis=0)
+    centred = chain.pooled - middle
+    reach = np.abs(centred).max(axis=0)
+    # Numbers that differ in their last bits only are the same.
+    still = np.flatnonzero(~(reach > 8 * np.spacing(np.abs(middle))))
+    if still.size:
+        raise NotDeterminedError(
+            f"the samples do not scatter in {_name_parameters(still)}: give a known value, or a scale with which theta "
+            "is about 1"
+        )
+    deviation = reach * np.sqrt(np.sum((centred / reach) ** 2, axis=0) / (len(centred) - 1))
+    scores = centred / deviation
+    correlation = scores.T @ scores / (len(scores) - 1)
+    values, vectors = linalg.eigh(correlation)
+    if values[0] < 1e-12:
+        together = np.flatnonzero(np.abs(vectors[:, 0]) > 0.1)
+        raise NotDeterminedError(
+            f"{_name_parameters(together)} follow each other exactly in the samples: give a known value of one of them"
+        )
+    return deviation, linalg.cholesky(correlation, lower=True)
+
+
+def _name_parameters(indices: Sequence[int] | NDArray[np.intp]) -> str:
+    return " and ".join(f"theta_{index + 1}" for index in indices)
+
+
+def _log_size(deviation: FloatArray, root: FloatArray) -> float:
+    """Return half of the logarithm of the determinant of a covariance, from `_find_scatter`."""
+    return float(np.sum(np.log(deviation)) + np.sum(np.log(np.diag(root))))
 
 
 def _find_log_volume(covariance: FloatArray) -> float:
