@@ -468,8 +468,8 @@ def _updating() -> Json:
     posterior = fields_of(Estimate)
     posterior = {"mean": posterior.pop("value"), **posterior}
     rank = {"parameters": table(keys(posterior)), "covariance": array(NUMBERS)}
-    own = ("best", "log_likelihood_at_best", "diagnostics", "prior_sensitivity", "evidences", "warnings")
-    model_class = fields_of(ModelClass) | fields_of(ClassPosterior, *own) | rank
+    own = ("best", "calibration_std", "log_likelihood_at_best", "diagnostics", "prior_sensitivity", "evidences")
+    model_class = fields_of(ModelClass) | fields_of(ClassPosterior, *own, "warnings") | rank
     model_class |= {"law": TEXT, "coefficients": table(keys(posterior | {"unit": TEXT}))}
     model_class |= {"log_evidence": NUMBER, "log_evidence_std": NUMBER}
     linear = fields_of(LinearPosterior, "diagnostics", "warnings", "name", "evidence")

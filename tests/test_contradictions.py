@@ -6,13 +6,14 @@ import made_backbones as made
 import numpy as np
 import pytest
 
-from opid.updating.contradictions import warn_of_contradictions
 from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import backbone_data
+from opid.updating.likelihood.contradictions import warn_of_contradictions
 from opid.updating.likelihood.interactions import adapt_to_class
 from opid.updating.posterior import density_of
 from opid.updating.sampling.evidence import maximum_a_posteriori
 from opid.updating.study import UpdatingStudy
+from opid.updating.warnings import find_unfit_modes
 
 
 def tell(curves, model_class=made.CUBIC, **settings):
@@ -20,7 +21,9 @@ def tell(curves, model_class=made.CUBIC, **settings):
     data = backbone_data(made.system(), curves, harmonics=(1,), **settings)
     support = [prior.support for prior in model_class.priors]
     best = maximum_a_posteriori(density_of(data, model_class).posterior, [1.5], support=support).theta
-    return list(warn_of_contradictions(adapt_to_class(data, model_class, best), model_class, best, curves))
+    data = adapt_to_class(data, model_class, best)
+    unfit = find_unfit_modes(data, model_class, best)
+    return list(warn_of_contradictions(data, model_class, best, curves, unfit=unfit))
 
 
 def scaled(curves, factor, chosen=lambda number, one: True):

@@ -15,10 +15,10 @@ from opid.progress import Say, Step
 from opid.signals.recording import FloatArray
 from opid.updating.checks import warn_of_copies, warn_of_overlaps
 from opid.updating.confusion import find_confusion
-from opid.updating.contradictions import warn_of_contradictions
 from opid.updating.forced_response import predict_damping, predict_responses
 from opid.updating.harmonics import predict_harmonics, warn_of_harmonics
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
+from opid.updating.likelihood.contradictions import warn_of_contradictions
 from opid.updating.likelihood.error_growth import growth_of_linear_error
 from opid.updating.likelihood.force import force_data
 from opid.updating.likelihood.interactions import adapt_to_class
@@ -341,7 +341,8 @@ def _warn_of_contradictions(study: UpdatingStudy, data: BackboneData, best: Clas
     if best.has_no_effect:
         return []
     adapted = adapt_to_class(data, best.model_class, best.best)
-    return list(warn_of_contradictions(adapted, best.model_class, best.best, study.backbones))
+    unfit = find_unfit_modes(adapted, best.model_class, best.best)
+    return list(warn_of_contradictions(adapted, best.model_class, best.best, study.backbones, unfit=unfit))
 
 
 def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:

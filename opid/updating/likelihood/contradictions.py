@@ -7,7 +7,7 @@ the best parameters of a class tells them from chance.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -20,7 +20,6 @@ from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
-from opid.updating.warnings import find_unfit_modes
 
 _STEP = 0.01  # of the logarithm of the amplitudes, over which lambda of the model is differentiated
 
@@ -43,7 +42,12 @@ class _CurveFit:
 
 
 def warn_of_contradictions(
-    data: BackboneData, model_class: ModelClass, best: FloatArray, backbones: Sequence[MeasuredBackbone]
+    data: BackboneData,
+    model_class: ModelClass,
+    best: FloatArray,
+    backbones: Sequence[MeasuredBackbone],
+    *,
+    unfit: Container[int] = (),
 ) -> Iterator[str]:
     """Yield what contradicts the other measurements or the structure by more than the stated errors.
 
@@ -52,11 +56,11 @@ def warn_of_contradictions(
         model_class: the class that explains them best.
         best: (n_parameters,) its best parameters.
         backbones: the measured backbones.
+        unfit: numbers of the modes that the class does not fit, whose offsets are errors of the law.
     """
     if data.form != "recommended":
         return
     fits: list[_CurveFit] = []
-    unfit = find_unfit_modes(data, model_class, best)
     for mode, curves in zip(data.modes, by_mode(backbones).values(), strict=True):
         own = _fit_curves(data, mode, curves, model_class, best)
         if mode.mode not in unfit:  # The extrapolation of a wrong law to small amplitudes has an error of its own.
