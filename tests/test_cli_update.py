@@ -106,6 +106,7 @@ def test_chains_go_beside_the_report_where_arviz_is_there(study, quick, tmp_path
     assert quick == []
     monkeypatch.setattr("opid.errors.find_spec", lambda name: "there")
     monkeypatch.setattr("opid.updating.chain_files.to_inference_data", lambda chain, names: Written(names))
+    monkeypatch.setattr("opid.updating.chain_files._write_summary", lambda data_of, path: None)
     done = opid("update", study, "--chains", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert f"Chains: {tmp_path / 'out' / 'chains_class_3.nc'}" in done.stdout

@@ -154,7 +154,10 @@ def test_the_report_tells_where_each_piece_of_a_spline_begins():
     of_two = updating.small_class(updating.CLASSES[2], 0.0)
     estimates = {f"theta_{k}": of_two.estimates["theta_1"] for k in (1, 2, 3)}
     samples = of_two.samples[:, [0, 0, 1]]
-    posterior = replace(of_two, model_class=own, estimates=estimates, samples=samples, best=samples[0])
+    std = of_two.calibration_std[[0, 0, 1]]
+    posterior = replace(
+        of_two, model_class=own, estimates=estimates, samples=samples, best=samples[0], calibration_std=std
+    )
     told = text(updating.small_updating(classes=(posterior,), best_class="class 4"))
     assert "k2 (|z| - s2)_+^3 sgn z + k3 (|z| - s3)_+^3 sgn z" in " ".join(told.split())
     assert "late cubic from 0.5 mm" in told

@@ -46,6 +46,7 @@ from opid.updating.warnings import TOO_LITTLE, has_no_effect, warn_of_class
 
 _NOWHERE = 1e12  # what a search takes for the negative logarithm of a density of 0
 _AMPLITUDE_STEP = 0.005  # of ln A, of half a usual calibration error: what differences of slopes are taken over
+_MOST_DRAWS = 10  # of an error of the calibration within the prior; a sample that finds none stays where it is
 _UNKNOWN_CALIBRATION = (
     "how a calibration error of the amplitudes moves theta cannot be computed, because the model does not converge "
     "beside its best parameters: the intervals lack it; take fewer harmonics"
@@ -127,7 +128,7 @@ def update_class(
     best = chain.best if peak is None else peak.theta
     unreached, sentences = _find_unreached(data, model_class, best)
     found, refused = _compute_evidences(methods, density, model_class, peak, chain, stages, rng)
-    moved = _find_calibration(data, model_class, best, peak.covariance_inside if peak else chain.covariance)
+    moved = _find_calibration(data, model_class, best, _limit_by_prior(peak, model_class) if peak else chain.covariance)
     calibrated = _calibrate(chain, model_class, moved, rng)
     estimates = estimates_of(calibrated, [f"theta_{k + 1}" for k in range(model_class.n_parameters)])
     diagnostics = diagnose(chain)
@@ -180,10 +181,27 @@ def _find_calibration(
 
 
 def _calibrate(chain: Chain, model_class: ModelClass, moved: FloatArray, rng: np.random.Generator) -> Chain:
-    """Return a chain with errors of the calibration, whose moves are (n_sensors, n_parameters)."""
-    low, high = np.transpose([each.limits for each in model_class.parameters])
-    errors = rng.standard_normal((*chain.samples.shape[:2], len(moved))) @ np.nan_to_num(moved)
-    return replace(chain, samples=np.clip(chain.samples + errors, low, high))
+    """Return a chain with errors of the calibration, whose moves are (n_sensors, n_parameters).
+
+    An error that leads beyond the prior is drawn anew.
+    """
+    samples, left, moves = chain.pooled.copy(), np.arange(len(chain.pooled)), np.nan_to_num(moved)
+    for _ in range(_MOST_DRAWS if moves.any() else 0):
+        tried = chain.pooled[left] + rng.standard_normal((left.size, len(moves))) @ moves
+        inside = np.isfinite(model_class.log_prior(tried))
+        samples[left[inside]] = tried[inside]
+        left = left[~inside]
+    return replace(chain, samples=samples.reshape(chain.samples.shape))
+
+
+def _limit_by_prior(peak: Maximum, model_class: ModelClass) -> FloatArray:
+    """Return the covariance at a maximum, which is no wider than the prior where the data tell nothing."""
+    ends = np.array([prior.from_normal([-1.0, 1.0])[0] for prior in model_class.priors])
+    spread = (ends[:, 1] - ends[:, 0]) / 2
+    relative = peak.covariance_inside / np.outer(spread, spread)
+    # This is the inverse of the sum of both precisions.
+    limited = np.linalg.solve(relative + np.eye(len(relative)), relative)
+    return np.asarray(limited * np.outer(spread, spread))
 
 
 def _find_unreached(data: BackboneData, model_class: ModelClass, best: FloatArray) -> tuple[tuple[int, ...], list[str]]:
