@@ -324,7 +324,8 @@ def arviz(monkeypatch):
 
 def test_chains_are_written_one_file_a_posterior(result, arviz, tmp_path):
     files = write_chains(result, tmp_path / "new")
-    assert [path.name for path in files] == ["chains_linear.nc", *(f"chains_class_{k}.nc" for k in (1, 2, 3))]
+    names = ("linear.nc", "class_1.nc", "class_2.nc", "class_3.nc", "summary.csv")
+    assert [path.name for path in files] == [f"chains_{name}" for name in names]
     assert "'E_aluminium': (2, 1500)" in files[0].read_text(encoding="utf-8")
     assert files[3].read_text(encoding="utf-8") == "{'theta_1': (2, 1000), 'theta_2': (2, 1000)} True"
 

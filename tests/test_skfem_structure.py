@@ -150,7 +150,8 @@ def test_modulus_and_joint_of_a_beam_are_updated_from_its_backbones():
         )  # fmt: skip
         study = UpdatingStudy(
             title="beam", structure=beam, backbones=curves, classes=(CUBIC,), harmonics=(1,),
-            parameters={"E": Prior("uniform", 0.3, 3.0)}, n_samples=1000, seed=seed,
+            parameters={"E": Prior("uniform", 0.3, 3.0)}, noise=NoiseSettings(motion_error=0.0), n_samples=1000,
+            seed=seed,
         )  # fmt: skip
         found = update_study(study)
         factor, theta = found.linear.estimates["E"], found.classes[0].estimates["theta_1"]
