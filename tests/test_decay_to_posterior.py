@@ -84,7 +84,8 @@ def test_a_release_leads_to_the_law_of_its_spring(place, tmp_path):
     (cubic,) = result["classes"][0]["coefficients"].values()
     low, high = cubic["interval95"]
     assert low < CUBIC < high
-    assert high - low < 0.05 * CUBIC
+    # 1 % of the amplitudes are 2 % of the coefficient.
+    assert 0.07 * CUBIC < high - low < 0.09 * CUBIC
     assert (result["reduction"], result["linear"]) == (None, None)
     used = {each["name"] for each in result["provenance"]["files"]}
     assert used == {str(place / name) for name in ("study.toml", "decay/result.json")}

@@ -17,6 +17,7 @@ from opid.updating import (
     update_study,
     write_structure,
 )
+from opid.updating.likelihood.noise import NoiseSettings
 from opid.virtual import synthetic_backbones
 
 skfem = pytest.importorskip("skfem")
