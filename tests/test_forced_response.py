@@ -162,7 +162,8 @@ def test_a_mode_without_curves_has_the_stated_error_of_the_structure():
     hz, amplitude = true_resonance(response, *BOTH)
     assert response.peak_hz.holds(hz)
     assert response.peak_amplitude.holds(amplitude)
-    assert response.peak_hz.std > 0.0035 * hz
+    # 0.4 % are stated, and a hundred draws tell a deviation within 7 %.
+    assert response.peak_hz.std == pytest.approx(0.004 * hz, rel=0.25)
 
 
 def test_draws_without_a_resonance_leave_no_interval(monkeypatch):
