@@ -228,7 +228,7 @@ def wait_for_writing(folder, process):
         time.sleep(2e-4)
 
 
-def interrupt(name, folder, prepared, rng):
+def interrupt(name, folder, prepared, rng, signal_name=None):
     """Interrupt one run of a command, and return the words for what it has left, all of which are wrong, and when."""
     command, (older, newer, alone, took) = COMMANDS[name], prepared
     out, is_on_older = folder / "out", rng.random() < 0.6
@@ -236,7 +236,7 @@ def interrupt(name, folder, prepared, rng):
     if is_on_older:
         shutil.copytree(folder / f"older_{name}", out)
     before, after = (older, newer) if is_on_older else (None, alone)
-    signal_name = rng.choice([*SIGNALS])
+    signal_name = signal_name or rng.choice([*SIGNALS])
     process = start([*command.words(command.newer), "--force"], folder)
     if is_late := rng.random() < 0.5:
         wait_for_writing(folder, process)
@@ -320,6 +320,8 @@ def main():
     parser.add_argument("--commands", nargs="+", choices=COMMANDS, default=[*COMMANDS])
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
+    # A shell that starts this script in the background has told it, and so its commands, to ignore an interrupt.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     rng, wrong_of, states, counts = random.Random(options.seed), Counter(), Counter(), Counter()
     with tempfile.TemporaryDirectory() as directory:
         for number, name in enumerate(options.commands):

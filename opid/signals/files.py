@@ -141,20 +141,23 @@ def _open_alone(path: Path, wait_s: float, what: str) -> tuple[Path, _Alone]:
     """
     until = time.monotonic() + wait_s
     while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
-        is_locked = _lock(descriptor)
-        if is_locked is None:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            is_locked = _lock(descriptor)
+            with suppress(FileNotFoundError):
+                # the one who had it before may have moved or removed it
+                if is_locked and os.path.samestat(os.fstat(descriptor), os.stat(path)):
+                    os.truncate(descriptor, 0)
+                    return path, _Alone(descriptor, True)
+        except BaseException:
             os.close(descriptor)
+            raise
+        os.close(descriptor)
+        if is_locked is None:
             with suppress(OSError):
                 os.remove(path)
             path = path.with_name(f"{path.name.removesuffix('.part')}.{secrets.token_hex(4)}.part")
             return path, _Alone(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666), False)
-        with suppress(FileNotFoundError):
-            # the one who had it before may have moved or removed it
-            if is_locked and os.path.samestat(os.fstat(descriptor), os.stat(path)):
-                os.truncate(descriptor, 0)
-                return path, _Alone(descriptor, True)
-        os.close(descriptor)
         if time.monotonic() >= until and not is_locked:
             raise InputError(
                 f"cannot {what}: another process of opid is writing there: wait until it has ended, or choose another "
@@ -311,48 +314,70 @@ def reserve_directory(path: str | os.PathLike[str], *, wait_s: float = 0.0) -> I
     try:
         yield ReservedDirectory(target, hidden)
     finally:
-        _clear(hidden)
-        if alone.is_locked:
-            with suppress(FileNotFoundError):
-                os.remove(hidden / _LOCK)
-        os.close(alone.descriptor)
-        with suppress(OSError):  # the next process has it already
-            if not alone.is_locked:
-                shutil.rmtree(hidden)
-            hidden.rmdir()
+        _release(hidden, alone)
+
+
+def _release(hidden: Path, alone: _Alone) -> None:
+    """Remove a hidden folder and give its lock back."""
+    _clear(hidden)
+    with suppress(OSError):
+        os.remove(hidden / _LOCK)
+    os.close(alone.descriptor)
+    with suppress(OSError):  # the next process has it already
+        hidden.rmdir()
 
 
 def _take_hidden(target: Path, wait_s: float) -> tuple[Path, _Alone]:
     """Make the hidden folder of a directory and lock it, and clear it of what a dead process has left."""
     while True:
-        hidden = _find_hidden(target)
+        hidden, *elsewhere = _list_hidden(target)
         with suppress(FileNotFoundError):  # another process has just removed it
-            hidden.mkdir(exist_ok=True)
-            lock, alone = _open_alone(hidden / _LOCK, wait_s, f"write into {target}")
+            try:
+                hidden.mkdir(exist_ok=True)
+                lock, alone = _open_alone(hidden / _LOCK, wait_s, f"write into {target}")
+            except BaseException:
+                _remove_dead(hidden)
+                raise
             if not alone.is_locked:
                 lock.unlink()
                 os.close(alone.descriptor)
+                with suppress(OSError):
+                    hidden.rmdir()
                 hidden = hidden.with_name(f"{hidden.name.removesuffix('.part')}.{secrets.token_hex(4)}.part")
                 hidden.mkdir()
                 return hidden, _Alone(os.open(hidden / _LOCK, os.O_RDWR | os.O_CREAT, 0o666), False)
-            if hidden == _find_hidden(target):
-                _undo_exchange(hidden, Path(os.path.realpath(target)))
+            try:
+                _undo_exchange(hidden, target)
                 _clear(hidden)
-                return hidden, alone
+                for each in filter(Path.is_dir, elsewhere):
+                    with suppress(PermissionError):  # somebody else has left it
+                        _, left = _open_alone(each / _LOCK, wait_s, f"write into {target}")
+                        _undo_exchange(each, target)
+                        _release(each, left)
+                if hidden == _list_hidden(target)[0]:
+                    return hidden, alone
+            except BaseException:
+                _release(hidden, alone)
+                raise
             # the directory has appeared meanwhile
-            lock.unlink()
-            os.close(alone.descriptor)
-            with suppress(OSError):
-                hidden.rmdir()
+            _release(hidden, alone)
 
 
-def _find_hidden(target: Path) -> Path:
-    """Return the hidden folder of a directory: in it, or in the nearest one above that exists."""
+def _remove_dead(hidden: Path) -> None:
+    """Remove a hidden folder that no process has locked."""
+    with suppress(OSError, InputError):
+        _release(hidden, _open_alone(hidden / _LOCK, 0.0, "remove")[1])
+
+
+def _list_hidden(target: Path) -> list[Path]:
+    """Return where the hidden folder of a directory is: in it, or in the nearest one above that exists.
+
+    Those in the others follow, which one has used who came when fewer directories were there.
+    """
     whole = Path(os.path.realpath(target))
-    if whole.is_dir():
-        return whole / _HIDDEN
-    above = next(part for part in whole.parents if part.is_dir())
-    return above / f".{_shorten_name('.'.join(whole.relative_to(above).parts))}.part"
+    above = [part for part in whole.parents if part.is_dir()]
+    named = [part / f".{_shorten_name('.'.join(whole.relative_to(part).parts))}.part" for part in above]
+    return [whole / _HIDDEN, *named] if whole.is_dir() else named
 
 
 def _clear(hidden: Path) -> None:
@@ -400,7 +425,7 @@ def _exchange(reserved: ReservedDirectory, new: Path) -> None:
 
 def _undo_exchange(hidden: Path, target: Path) -> None:
     """Restore the older files of an exchange that has begun and is not complete; it may itself be interrupted."""
-    new, old = hidden / _NEW, hidden / _OLD
+    new, old, target = hidden / _NEW, hidden / _OLD, Path(os.path.realpath(target))
     if not old.is_dir() or not new.is_dir() or not os.listdir(new):
         return
     for name in map(os.fsdecode, (hidden / _NAMES).read_bytes().split(b"\0")):
