@@ -310,7 +310,7 @@ def judge_campaign(out):
         told, result = json.loads(outcome.read_text())["result_sha256"], outcome.with_name("result.json")
         if told is not None and (not result.exists() or sha256(result.read_bytes()).hexdigest() != told):
             yield "a flight is not whole"
-    if (out / "campaign.json").exists() and not (out / "report.html").exists():
+    if (out / "campaign.json").exists() and not (out / "index.html").exists():
         yield "half a result"
 
 
