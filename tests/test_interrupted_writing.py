@@ -9,12 +9,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 from cli_runs import opid, refused
 from scripts import script
 from test_cli_output import GIVEN, WRITING
 
 from opid.campaigns.campaign_file import read_campaign
+from opid.cli.group import Output
 from opid.errors import InputError
 from opid.signals import files
 from opid.signals.files import reserve_directory, write_together, write_whole
@@ -302,6 +304,18 @@ def test_pictures_of_an_older_report_go_with_it(identified, tmp_path):
     package.write_report(identified.result, out, figures=False)
     assert sorted(os.listdir(out)) == ["mine.png", "report.html", "result.json"]
     assert outside.exists()
+
+
+@pytest.mark.parametrize("is_older", [True, False])
+def test_only_files_of_an_older_result_go_with_it(is_older, tmp_path):
+    for name in ("modes_2.csv", "mine.csv", *(["result.json"] if is_older else [])):
+        (tmp_path / name).write_text("older")
+    with click.Context(click.Command("modes")):
+        output = Output(tmp_path, True, False, False, False, figures=True, png=False).reserve(())
+        with output.together(("modes.csv", "modes_[0-9]*.csv")) as folder:
+            (folder / "modes.csv").write_text("newer")
+    kept = {"mine.csv"} if is_older else {"mine.csv", "modes_2.csv"}
+    assert {path.name for path in tmp_path.iterdir()} - {"result.json"} == kept | {"modes.csv"}
 
 
 # ---- homes and caches ----------------------------------------------------------------------------

@@ -145,11 +145,13 @@ def sense(
         }
         command = write_command(file, result, log, options, unsprung, places)
         path = written or output.folder / LOG_FILE
+        is_inside = path.parent.resolve() == output.folder.resolve()
         with output.together((LOG_FILE,)) as folder:
             notes = output.write(found, command=command, progress=say)
-            say(path.name)
-            is_inside = folder is not None and path.parent.resolve() == output.folder.resolve()
-            write_log(found.to_recording(), folder / path.name if folder is not None and is_inside else path)
+            if folder is not None and is_inside:
+                write_log(found.to_recording(), folder / path.name)
+        if not is_inside:
+            write_log(found.to_recording(), path)
     output.show(found, notes=(*notes, f"Log: {path}"))
 
 

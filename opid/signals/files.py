@@ -229,8 +229,8 @@ class ReservedDirectory(os.PathLike[str]):
 
     path: Path
     hidden: Path
-    _last: str = ""
-    _stale: set[str] = field(default_factory=set)
+    _last: str = field(default="", init=False)
+    _stale: set[str] = field(default_factory=set, init=False)
 
     def __fspath__(self) -> str:
         return str(self.path)
@@ -279,7 +279,9 @@ class ReservedDirectory(os.PathLike[str]):
             self._last, self._stale = "", set()
 
     def _is_of(self, name: Any) -> bool:
-        return Path(os.fsdecode(name)).is_relative_to(self.hidden)
+        """Whether a file is one of the directory or of its hidden folder: an error of another comes from the caller."""
+        file = Path(os.fsdecode(name))
+        return file.is_relative_to(self.hidden) or file.is_relative_to(os.path.realpath(self.path))
 
 
 @contextmanager
