@@ -157,6 +157,13 @@ def test_a_signal_that_ends_the_command_is_one_sentence(field_test, tmp_path):
         assert list(tmp_path.iterdir()) == []
 
 
+def test_an_interrupt_before_the_command_has_begun_is_one_sentence():
+    lines = "import opid.cli, opid.__main__\ndef stop(): raise KeyboardInterrupt\n"
+    lines += "opid.cli.main = stop\nopid.__main__.main()"
+    done = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "Error: interrupted\n")
+
+
 # ---- full disks ----------------------------------------------------------------------------------
 
 

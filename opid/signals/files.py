@@ -146,8 +146,9 @@ def _open_alone(path: Path, wait_s: float, what: str) -> tuple[Path, _Alone]:
             is_locked = _lock(descriptor)
             with suppress(FileNotFoundError):
                 # the one who had it before may have moved or removed it
-                if is_locked and os.path.samestat(os.fstat(descriptor), os.stat(path)):
-                    os.truncate(descriptor, 0)
+                if is_locked and os.path.samestat(found := os.fstat(descriptor), os.stat(path)):
+                    if found.st_size:
+                        os.truncate(descriptor, 0)
                     return path, _Alone(descriptor, True)
         except BaseException:
             os.close(descriptor)
