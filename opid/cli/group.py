@@ -165,7 +165,7 @@ class Commands(click.Group):
         """Run a command."""
         # A command makes many objects and few cycles: looking for cycles as often as usual takes 4 % of its time.
         gc.set_threshold(100_000, *gc.get_threshold()[1:])
-        # Where there is no home it says on stderr, with no other handler, that it keeps its fonts for one run only.
+        # Where there is no home, matplotlib says on stderr, unless its logger has a handler, that fonts are not kept.
         logging.getLogger("matplotlib").addHandler(logging.NullHandler())
         try:
             with _end_cleanly():
