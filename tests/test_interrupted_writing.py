@@ -44,6 +44,7 @@ from opid.signals.files import reserve_directory, write_together
 
 stop, parent, contents, older = sys.argv[1], Path(sys.argv[2]), json.loads(sys.argv[3]), json.loads(sys.argv[4])
 contents = {name: text.encode() for name, text in contents.items()}
+WRITING = os.O_WRONLY | os.O_RDWR
 WATCHED = {"open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.listdir", "os.truncate"}
 
 
@@ -51,7 +52,8 @@ def stop_at(step):
     left = [step]
 
     def watch(event, arguments):
-        if event in WATCHED:
+        removes = event in ("os.remove", "os.rmdir", "os.listdir") or event == "open" and not arguments[2] & WRITING
+        if event in WATCHED and not (stop == "full disk" and removes):
             left[0] -= 1
             if left[0] == 0:
                 if stop == "kill":
@@ -63,10 +65,6 @@ def stop_at(step):
 
 def read_all(folder):
     return {path.name: path.read_text() for path in folder.iterdir() if path.is_file()} if folder.exists() else None
-
-
-def hidden(folder):
-    return [path.name for where in (folder, parent) if where.exists() for path in where.glob(".*")]
 
 
 for step in range(1, 200):
@@ -90,11 +88,11 @@ for step in range(1, 200):
         finally:
             os._exit(told)
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    now = read_all(folder)
+    now, stays = read_all(folder), [path.name for path in folder.parent.rglob(".*")]
     with reserve_directory(folder):
         pass
     left = [str(path.relative_to(parent)) for path in folder.parent.rglob(".*")]
-    print(json.dumps([status, now, read_all(folder), left]))
+    print(json.dumps([status, now, stays, read_all(folder), left]))
     if status == 0 and step > 60:
         break
 """
@@ -113,7 +111,7 @@ def test_a_stop_at_any_step_leaves_the_old_or_the_new(stop, older, tmp_path):
     done = subprocess.run([sys.executable, "-c", EVERY_STEP, *words], capture_output=True, text=True, check=True)
     after = as_text(NEW | (OWN if older else {}))
     statuses = set()
-    for status, now, repaired, left in map(json.loads, done.stdout.splitlines()):
+    for status, now, stays, repaired, left in map(json.loads, done.stdout.splitlines()):
         statuses.add(status)
         if stop == "kill" and now not in (before, after):
             # it is stated that there is no result, and nothing is a mixture
@@ -121,6 +119,7 @@ def test_a_stop_at_any_step_leaves_the_old_or_the_new(stop, older, tmp_path):
             assert now.items() <= before.items() or now.items() <= after.items()
         elif stop != "kill":
             assert now in (before, after)
+            assert stays == []
         assert repaired in (before, after)
         assert left == []
         assert repaired == after or status != 0

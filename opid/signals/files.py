@@ -13,7 +13,7 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -322,12 +322,30 @@ def reserve_directory(path: str | os.PathLike[str], *, wait_s: float = 0.0) -> I
 
 def _release(hidden: Path, alone: _Alone) -> None:
     """Remove a hidden folder and give its lock back."""
-    _clear(hidden)
-    with suppress(OSError):
-        os.remove(hidden / _LOCK)
-    os.close(alone.descriptor)
-    with suppress(OSError):  # the next process has it already
-        hidden.rmdir()
+
+    def remove_contents() -> None:
+        _clear(hidden)
+        with suppress(OSError):
+            os.remove(hidden / _LOCK)
+
+    def remove_folder() -> None:
+        with suppress(OSError):  # the next process has it already
+            hidden.rmdir()
+
+    try:
+        _insist(remove_contents)
+    finally:
+        os.close(alone.descriptor)
+        _insist(remove_folder)
+
+
+def _insist(remove: Callable[[], None]) -> None:
+    """Remove something even if a signal comes just now."""
+    try:
+        remove()
+    except BaseException:
+        remove()
+        raise
 
 
 def _take_hidden(target: Path, wait_s: float) -> tuple[Path, _Alone]:
