@@ -7,6 +7,7 @@ import random
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import click
@@ -16,7 +17,7 @@ from scripts import script
 from test_cli_output import GIVEN, WRITING
 
 from opid.campaigns.campaign_file import read_campaign
-from opid.cli.group import Output
+from opid.cli.group import Output, _end_cleanly
 from opid.errors import InputError
 from opid.signals import files
 from opid.signals.files import reserve_directory, write_together, write_whole
@@ -154,6 +155,20 @@ def test_a_signal_that_ends_the_command_is_one_sentence(field_test, tmp_path):
         assert process.communicate() == ("", sentence)
         assert process.returncode == status
         assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_that_python_drops_is_sent_once_more(number):
+    class Ends:
+        def __del__(self):
+            signal.raise_signal(number)
+
+    def destroy_and_wait():
+        Ends()
+        time.sleep(60.0)
+
+    with pytest.raises((SystemExit, KeyboardInterrupt)), _end_cleanly():
+        destroy_and_wait()
 
 
 def test_an_interrupt_before_the_command_has_begun_is_one_sentence():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import gc
 import logging
+import os
 import shlex
 import signal
 import sys
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 
 PATH = click.Path(path_type=Path)
+
+_PAUSE_S = 0.01  # before a signal is sent once more: what was destroyed is gone by then
 
 
 def example(command: str) -> str:
@@ -132,11 +135,22 @@ class _EndedError(SystemExit):
 
 @contextmanager
 def _end_cleanly() -> Iterator[None]:
-    """Turn signals by which the system ends a process into an exception; one that is ignored stays ignored."""
+    """Turn signals by which the system ends a process into an exception; one that is ignored stays ignored.
+
+    Python drops an exception that a signal raises while it destroys an object: the signal is then sent once more.
+    """
 
     def end(*_: object) -> None:
         raise _EndedError
 
+    def repeat(dropped: Any) -> None:
+        if issubclass(dropped.exc_type, (_EndedError, KeyboardInterrupt)):
+            number = signal.SIGINT if issubclass(dropped.exc_type, KeyboardInterrupt) else signal.SIGTERM
+            threading.Timer(_PAUSE_S, os.kill, (os.getpid(), number)).start()
+        else:
+            hook(dropped)
+
+    hook, sys.unraisablehook = sys.unraisablehook, repeat
     before: dict[signal.Signals, Any] = {}
     if threading.current_thread() is threading.main_thread():
         for name in ("SIGTERM", "SIGHUP"):
@@ -146,6 +160,7 @@ def _end_cleanly() -> Iterator[None]:
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
 
