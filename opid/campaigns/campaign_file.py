@@ -310,6 +310,8 @@ def _find_studies(folder: Path) -> Iterator[PlannedFlight]:
     """Yield a flight for each study of suspensions below a folder."""
     found = False
     for path in sorted(folder.rglob("*.toml")):
+        if any(part.startswith(".") for part in path.relative_to(folder).parts):
+            continue  # it is not complete
         try:
             document = load(path)
             if kind_of(document, path) is not SUSPENSIONS:

@@ -18,7 +18,7 @@ from opid.campaigns.campaign_file import CampaignPlan, PlannedFlight
 from opid.campaigns.flight_task import Done, FlightTask, TaskSettings, run_task
 from opid.errors import InputError, require
 from opid.progress import Say, Step
-from opid.signals.files import make_directory
+from opid.signals.files import make_directory, reserve_directory
 from opid.suspensions.flights.campaign import DATASET, INDEX_FILE, Campaign, Outcome, Verdict
 from opid.suspensions.flights.dataset import RESERVED_TAILS, columns, require_dataset, write_part
 
@@ -109,7 +109,7 @@ def run_campaign(
 
     Raises:
         InputError: no flight, a covariate with the name of another column, a directory that cannot be written to, a
-            scheduler that does not answer, or a missing library.
+            scheduler that does not answer, another process that runs a campaign there, or a missing library.
     """
     require("distributed", "a campaign", "distributed", "campaign")
     require_dataset()
@@ -119,7 +119,7 @@ def run_campaign(
     tasks = _plan_tasks(plan, target, task_settings or TaskSettings(), is_forced)
     parts = _Parts(target / DATASET, tasks, engine.flights_per_part)
     began, n_before = time.monotonic(), 0
-    with connect(workers, scheduler, engine) as client:
+    with reserve_directory(directory), connect(workers, scheduler, engine) as client:
         if announce is not None:
             announce(client.dashboard_link)
         say(_count_flights(0, len(tasks), 0))
@@ -129,7 +129,7 @@ def run_campaign(
             if done.outcome.verdict is Verdict.FAILED:
                 logger.info("flight %s: %s", done.outcome.folder, done.outcome.reason)
             say(_count_flights(number, len(tasks), n_before))
-    parts.remove_older()
+        parts.remove_older()
     outcomes = tuple(each for each in parts.outcomes if each is not None)
     return Campaign(plan.title, source or Path(plan.title), outcomes, n_before, time.monotonic() - began)
 

@@ -198,12 +198,9 @@ def _leave(
         "files": [asdict(each) for each in files],
     }
     # a result of an earlier run is no longer that of this task
-    if RESULT_FILE not in contents:
-        for name in (RESULT_FILE, "report.html"):
-            (task.folder / name).unlink(missing_ok=True)
-    write_together(task.folder, contents | {OUTCOME_FILE: json_text(plain(said)).encode("utf-8", "backslashreplace")})
-    for name in (_BEGUN_FILE, _TRACE_FILE):
-        (task.folder / name).unlink(missing_ok=True)
+    stale = [_BEGUN_FILE, _TRACE_FILE, "error.txt", *([] if RESULT_FILE in contents else [RESULT_FILE, "report.html"])]
+    outcome = json_text(plain(said)).encode("utf-8", "backslashreplace")
+    write_together(task.folder, contents | {OUTCOME_FILE: outcome}, stale=stale)
     return _build_outcome(task, verdict, reason, files)
 
 

@@ -54,6 +54,7 @@ def campaign(
     from opid.campaigns.campaign_file import read_campaign
     from opid.campaigns.engine import refuse_another, run_campaign
     from opid.campaigns.flight_task import TaskSettings
+    from opid.signals.files import make_directory
     from opid.suspensions.flights.campaign import INDEX_FILE, Verdict
 
     if workers is not None and scheduler is not None:
@@ -65,10 +66,13 @@ def campaign(
     output = replace(output, out=output.out or Path(f"{result_name(source)}_campaign"))
     if not output.overwrite:
         refuse_another(plan.title, output.folder)
+    # The flights stand there as they are identified, and a second campaign must see that it is taken.
+    make_directory(output.folder)
+    output = output.reserve(())
     with output.progress() as say:
         found = run_campaign(
             plan,
-            output.folder,
+            output.place,
             source=source,
             workers=workers,
             scheduler=scheduler,

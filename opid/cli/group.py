@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import logging
+import os
 import shlex
+import signal
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
-from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -23,9 +26,12 @@ from opid.progress import Say, Step
 if TYPE_CHECKING:
     from opid.mechanics.truth import Truth
     from opid.result import Result
+    from opid.signals.files import ReservedDirectory
 
 
 PATH = click.Path(path_type=Path)
+
+_PAUSE_S = 0.01  # before a signal is sent once more: what was destroyed is gone by then
 
 
 def example(command: str) -> str:
@@ -114,7 +120,49 @@ class NotDetermined(click.ClickException):
 class Interrupted(click.ClickException):
     """The user pressed Ctrl-C."""
 
-    exit_code = 130
+    exit_code = 128 + signal.SIGINT
+
+
+class Ended(click.ClickException):
+    """The system asked the process to end."""
+
+    exit_code = 128 + signal.SIGTERM
+
+
+class _EndedError(SystemExit):
+    """The system asks the process to end, and blocks that clean up shall do so."""
+
+
+@contextmanager
+def _end_cleanly() -> Iterator[None]:
+    """Turn signals by which the system ends a process into an exception; one that is ignored stays ignored.
+
+    Python drops an exception that a signal raises while it destroys an object: the signal is then sent once more.
+    """
+
+    def end(*_: object) -> None:
+        raise _EndedError
+
+    def repeat(dropped: Any) -> None:
+        if issubclass(dropped.exc_type, (_EndedError, KeyboardInterrupt)):
+            number = signal.SIGINT if issubclass(dropped.exc_type, KeyboardInterrupt) else signal.SIGTERM
+            threading.Timer(_PAUSE_S, os.kill, (os.getpid(), number)).start()
+        else:
+            hook(dropped)
+
+    hook, sys.unraisablehook = sys.unraisablehook, repeat
+    before: dict[signal.Signals, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)  # Windows has no SIGHUP
+            if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+                before[number] = signal.signal(number, end)
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 class Commands(click.Group):
@@ -132,19 +180,24 @@ class Commands(click.Group):
         """Run a command."""
         # A command makes many objects and few cycles: looking for cycles as often as usual takes 4 % of its time.
         gc.set_threshold(100_000, *gc.get_threshold()[1:])
+        # Where there is no home, matplotlib says on stderr, unless its logger has a handler, that fonts are not kept.
+        logging.getLogger("matplotlib").addHandler(logging.NullHandler())
         try:
-            return super().invoke(context)
+            with _end_cleanly():
+                return super().invoke(context)
         except InputError as error:
             raise BadInput(str(error)) from error
         except NotDeterminedError as error:
             raise NotDetermined(str(error)) from error
         except OSError as error:
-            # an error without a file is that of a pipe whose reader has ended: click then ends without a word
-            if error.filename is None:
+            # if the reader of a pipe has ended, click ends without a word
+            if error.errno == errno.EPIPE:
                 raise
-            raise BadInput(f"{error.filename}: {error.strerror}") from error
+            raise BadInput(f"{error.filename or 'cannot write'}: {error.strerror or error}") from error
         except KeyboardInterrupt as error:
             raise Interrupted("interrupted") from error
+        except _EndedError as error:
+            raise Ended("ended by a signal of the system") from error
 
 
 @click.group(
@@ -211,19 +264,20 @@ def out_option(help_text: str) -> Callable[[Callable[..., None]], Callable[..., 
 truth_option = click.option("--truth", type=PATH, metavar="JSON", help="truth.json of a simulation, to compare.")
 
 
-def free_directory(path: Path, names: tuple[str, ...], *, overwrite: bool) -> Path:
-    """Return the path of a directory for these files, and refuse before long work if one of them exists already.
+def reserve_free(path: Path, names: tuple[str, ...], *, overwrite: bool) -> ReservedDirectory:
+    """Reserve a directory for these files until the command ends, and refuse if one of them exists already.
 
     Raises:
-        InputError: the directory cannot be made or written to, or a file exists and may not be overwritten.
+        InputError: the directory cannot be made or written to, another process writes into it, or a file exists and
+            may not be overwritten.
     """
-    from opid.signals.files import require_directory
+    from opid.signals.files import reserve_directory
 
-    target = require_directory(path)
-    there = [name for name in names if (target / name).exists()]
+    reserved = click.get_current_context().with_resource(reserve_directory(path))
+    there = [name for name in names if (reserved / name).exists()]
     if there and not overwrite:
         raise InputError(f"{path} has {', '.join(there)} already: choose another folder, or overwrite with --force")
-    return target
+    return reserved
 
 
 @dataclass(frozen=True)
@@ -238,6 +292,7 @@ class Output:
         verbose: whether every step is printed.
         figures: whether the report has figures.
         png: whether each figure is written as a PNG file, too.
+        reserved: the folder as it is reserved for this command, or None before that.
     """
 
     out: Path | None
@@ -247,19 +302,38 @@ class Output:
     verbose: bool
     figures: bool
     png: bool
+    reserved: ReservedDirectory | None = None
 
     def reserve(self, names: tuple[str, ...] = REPORT, *, default: str = "") -> Output:
-        """Return the output with a folder for these files, as `free_directory`; without one where none is named."""
+        """Return the output with a folder for these files, as `reserve_free`; without one where none is named."""
         if self.out is None and not default:
             return self
         path = self.out or Path(default)
-        return replace(self, out=free_directory(path, names, overwrite=self.overwrite))
+        return replace(self, out=path, reserved=reserve_free(path, names, overwrite=self.overwrite))
+
+    def together(self, older: Iterable[str] = ()) -> AbstractContextManager[Path | None]:
+        """Give the folder to write into, whose files stand in `out` when the block has ended; None without one.
+
+        Args:
+            older: patterns of the names of files that an earlier run may have left beside its report, and which go.
+        """
+        if self.reserved is None:
+            return nullcontext()
+        is_older = (self.reserved / REPORT[0]).exists()
+        stale = [each.name for pattern in older for each in self.reserved.path.glob(pattern)] if is_older else ()
+        return self.reserved.replace_files(stale=stale)
 
     @property
     def folder(self) -> Path:
         """The folder for the files of a command that always has one."""
         assert self.out is not None
         return self.out
+
+    @property
+    def place(self) -> ReservedDirectory:
+        """That folder as it is reserved."""
+        assert self.reserved is not None
+        return self.reserved
 
     @property
     def has_text(self) -> bool:
@@ -284,7 +358,13 @@ class Output:
         if self.out is None:
             return ()
         page = write_report(
-            result, self.out, truth, command=command, figures=self.figures, png=self.png, progress=progress
+            result,
+            self.reserved or self.out,
+            truth,
+            command=command,
+            figures=self.figures,
+            png=self.png,
+            progress=progress,
         )
         return (f"Report: {page} (open it in a browser)",)
 
@@ -423,13 +503,13 @@ def progress(*, quiet: bool = False) -> Iterator[Say]:
             line.initial, line.start_t = line.n, time.time()
         line.refresh()
 
-    ended = Event()
+    ended = threading.Event()
 
     def tick() -> None:
         while not ended.wait(1.0):
             line.refresh()
 
-    ticker = Thread(target=tick, daemon=True)
+    ticker = threading.Thread(target=tick, daemon=True)
     ticker.start()
     try:
         yield say

@@ -148,14 +148,17 @@ def modes(logs: tuple[Path, ...], stages: tuple[str, ...], output: Output, **set
     output = output.reserve((*REPORT, *names))
     with output.progress() as say:
         found = _find_stages(logs, stages, settings, say) if stages else _find_modes(logs, settings, say)
-        notes = output.write(found, progress=say)
-        for name, each in zip(names, found.each_stage, strict=True) if output.out is not None else ():
-            if each.has_scale:
-                write_modes(each.modes, output.folder / name)
-                notes = (*notes, f"Modes: {output.folder / name} (the file that a study names as its modes)")
-            else:
-                note = f"There is no {name}, because the shapes are not mass-normalised: see the warnings."
-                notes = (*notes, note)
+        with output.together(("modes.csv", "modes_[0-9]*.csv")) as folder:
+            notes = output.write(found, progress=say)
+            for name, each in zip(names, found.each_stage, strict=True):
+                if folder is None:
+                    break
+                if each.has_scale:
+                    write_modes(each.modes, folder / name)
+                    notes = (*notes, f"Modes: {output.folder / name} (the file that a study names as its modes)")
+                else:
+                    note = f"There is no {name}, because the shapes are not mass-normalised: see the warnings."
+                    notes = (*notes, note)
     output.show(found, notes=notes)
 
 

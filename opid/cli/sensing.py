@@ -124,7 +124,6 @@ def sense(
         ("result.json", "report.html", *([] if written else [LOG_FILE])),
         default=f"{log.stem if log else result_name(file)}_sensors",
     )
-    assert output.out is not None  # there is a default
     with output.progress() as say:
         fits = read_fits(result)
         read = read_study(file, kind=Study, progress=say)
@@ -145,10 +144,14 @@ def sense(
             "mass-change": mass_change_kg,
         }
         command = write_command(file, result, log, options, unsprung, places)
-        notes = output.write(found, command=command, progress=say)
-        path = written or output.out / LOG_FILE
-        say(path.name)
-        write_log(found.to_recording(), path)
+        path = written or output.folder / LOG_FILE
+        is_inside = path.parent.resolve() == output.folder.resolve()
+        with output.together((LOG_FILE,)) as folder:
+            notes = output.write(found, command=command, progress=say)
+            if folder is not None and is_inside:
+                write_log(found.to_recording(), folder / path.name)
+        if not is_inside:
+            write_log(found.to_recording(), path)
     output.show(found, notes=(*notes, f"Log: {path}"))
 
 

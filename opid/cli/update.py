@@ -66,7 +66,7 @@ def update(study: Path, truth: Path | None, chains: bool, output: Output, **sett
 
     from opid.mechanics.truth import UpdatingTruth
     from opid.studies.study_file import read_study
-    from opid.updating.chain_files import require_arviz, write_chains
+    from opid.updating.chain_files import CHAIN_FILES, require_arviz, write_chains
     from opid.updating.identification import update_study
     from opid.updating.study import UpdatingStudy
     from opid.virtual.truth_file import read_truth
@@ -80,8 +80,9 @@ def update(study: Path, truth: Path | None, chains: bool, output: Output, **sett
         tests = replace(read_study(study, kind=UpdatingStudy, progress=say), **given)
         found = update_study(tests, progress=say)
         result = replace(found, reductions=_compare_reductions(tests, found))
-        notes = output.write(result, known, progress=say)
-        files = write_chains(result, output.out) if chains and output.out else ()
+        with output.together(CHAIN_FILES):
+            notes = output.write(result, known, progress=say)
+            files = write_chains(result, output.place) if chains else ()
     output.show(result, known, notes=(*notes, *(f"Chains: {file}" for file in files)))
 
 

@@ -88,7 +88,7 @@ def sine_beats(
         rng = np.random.default_rng(seed)
         study = virtual_study(series, rng=rng, noise_fraction=noise, given=stated, progress=say)
         say("the files")
-        path = write_field_test(study, modal_truth(series, settings=settings), output.folder)
+        path = write_field_test(study, modal_truth(series, settings=settings), output.place)
     output.show_made(f"{len(study.tests)} tests: {series.case.text}", "modal", path)
 
 
@@ -140,7 +140,7 @@ def resonance_logs(
             progress=say,
         )
         say("the files")
-        path = write_field_test(study, modal_truth(series, settings=settings), output.folder)
+        path = write_field_test(study, modal_truth(series, settings=settings), output.place)
     made = f"{levels} levels" + (f", {curves} response curves" if curves else "")
     output.show_made(f"{made}: {series.case.text}", "resonance", path)
 
@@ -270,9 +270,10 @@ def backbones(
         description = f"the wing-engine structure, {structure.n_dof} degrees of freedom, {true.name} with theta {theta}"
         laws = {joint: Law(each.terms) for joint, each in true.laws(system.joints, theta).items()}
         truth = UpdatingTruth(UPDATED, laws, description, settings)
-        path = write_field_test(study, truth, output.folder)
-        if matrices != "npz":
-            replace_matrices(structure, output.folder, matrices)
+        with output.together() as folder:
+            path = write_field_test(study, truth, output.place)
+            if matrices != "npz" and folder is not None:
+                replace_matrices(structure, folder, matrices)
     output.show_made(f"{format_count(len(measured), 'backbone')}: {description}", "update", path)
 
 

@@ -62,9 +62,9 @@ def demo(seed: int, output: Output) -> None:
         test = taxi_test(LandingGear(), rng=np.random.default_rng(seed))
         runs = taxi_study(test, title=f"Two virtual taxi runs, seed {seed}")
         truth = taxi_truth(test, settings={"seed": seed})
-        study = write_field_test(runs, truth, out)
+        study = write_field_test(runs, truth, output.place)
         result = identify(read_study(study, kind=Study), progress=say)
-        replace(output, out=out / "report").write(result, truth, progress=say)
+        replace(output, out=out / "report", reserved=None).write(result, truth, progress=say)
     notes = (
         f"The runs:   {out / 'heavy.csv'}, {out / 'light.csv'}",
         f"The study:  {study}",
@@ -204,7 +204,7 @@ def _write_test(
         test = make(settings)
         say("the files")
         study = taxi_study(test, **facts)
-        path = write_field_test(study, taxi_truth(test, settings=settings), output.folder)
+        path = write_field_test(study, taxi_truth(test, settings=settings), output.place)
     runs = zip(study.runs, test.runs, strict=True)
     made = "\n".join(f"{run.airframe.mass_kg:g} kg: {output.folder / named.name}.csv" for named, run in runs)
     output.show_made(made, "identify", path)

@@ -11,6 +11,7 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from html import unescape
 from importlib import import_module
 from importlib.metadata import version
 from importlib.resources import files
@@ -27,7 +28,7 @@ from opid.report.as_text import lay_out_text
 from opid.report.document import Block, Document, Figure, Remarks, Table, end_sentence
 from opid.report.formulas import write_html
 from opid.result import Result
-from opid.signals.files import write_together
+from opid.signals.files import PATIENCE_S, reserve_directory
 
 _LEVEL = 4
 """Of the compression of the script: 6 takes twice as long, 50 ms of each page, and saves 55 kB of 1.53 MB."""
@@ -117,7 +118,8 @@ def write_report(
     """Write result.json and report.html, and return the path of the page.
 
     Everything is made before the first file is written, and the files appear together. Files of an older report are
-    replaced, any other file in the directory stays. The numbers of a comparison stand in comparison.json.
+    replaced, those of its figures deleted, and any other file in the directory stays. The numbers of a comparison stand
+    in comparison.json.
 
     Args:
         result: of any kind.
@@ -138,22 +140,34 @@ def write_report(
     shown = [block for block in every if figures or not isinstance(block, Figure)]
     words = document.command if command is None else command
     target = Path(directory)
+    stale = {f"{each.name}.png" for each in pictures} | _find_pictures(target / document.page_file)
     for chart in charts.values():
         for trace in chart["data"]:
             if "link" in trace:
                 trace["link"] = _link_to(Path(trace["link"]), target)
-    html = lay_out_page(
+    page = lay_out_page(
         document, (*document.blocks, *shown), charts, None if words is None else shlex.join(words), directory=target
     )
     contents = {f"{name}.png": image for name, image in images.items()}
-    contents[document.page_file] = html.encode("utf-8", "backslashreplace")
-    # result.json is the last file, so that it never exists without its report
+    contents[document.page_file] = page.encode("utf-8", "backslashreplace")
     contents[document.data_file] = json_text(traced(result.to_dict(), result.files)).encode("utf-8", "backslashreplace")
-    write_together(directory, contents)
-    # the figures of an older report would show another result
-    for figure in () if images else pictures:
-        (target / f"{figure.name}.png").unlink(missing_ok=True)
+    with (
+        reserve_directory(directory, wait_s=PATIENCE_S) as reserved,
+        # the figures of an older report would show another result
+        reserved.replace_files(last=document.data_file, stale=stale) as folder,
+    ):
+        for name, content in contents.items():
+            (folder / name).write_bytes(content)
     return target / document.page_file
+
+
+def _find_pictures(page: Path) -> set[str]:
+    """Return the names of the PNG files that an older page may have beside it: those of its charts."""
+    try:
+        names = re.findall(r'data-chart="([^"/\\]+)"', page.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return set()
+    return {f"{unescape(name)}.png" for name in names}
 
 
 def _link_to(path: Path, directory: Path) -> str:

@@ -1,16 +1,32 @@
-"""Write files whole or not at all, into directories that are made when needed, and read the text of small tables."""
+"""Write files whole or not at all, alone or together as a directory, and read the text of small tables.
+
+What is written stands under a hidden name that ends in ".part" until it is complete. The process that writes it holds a
+lock of the system on it, which ends with the process, however it dies: the next one that gets the lock removes what was
+left. On a system or a network disk without such locks each process takes a hidden name of its own, and waits for
+nobody; what a dead one has left there stays.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import secrets
-from collections.abc import Container, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+import shutil
+import time
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Any, Literal
 
 from opid.errors import InputError
+
+PATIENCE_S = 10.0
+"""How long one that has done its work waits for another that writes to the same place, which takes milliseconds."""
+
+_POLL_S, _LONGEST_NAME = 0.01, 200
+_HIDDEN, _NEW, _OLD, _NAMES, _LOCK = ".opid.part", "new", "old", "names", "lock"
 
 
 def nearest_beside(path: Path, endings: Container[str] | None = None) -> str:
@@ -64,7 +80,8 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
         mode: "w" for text in UTF-8 with "\\n" at the end of lines, "wb" for bytes.
 
     Raises:
-        InputError: the directory is missing, full or not writable, or `path` is no ordinary file.
+        InputError: the directory is missing, full or not writable, `path` is no ordinary file, or another process
+            writes it.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as directory:
@@ -78,21 +95,94 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
         raise InputError(f"cannot write {path}: there is no directory {target.parent}: create it first")
     if target.exists() and not target.is_file():
         raise InputError(f"cannot write {path}: it is a directory or a device: give the name of a file")
-    temporary = target.with_name(f".{target.name[:200]}.{secrets.token_hex(4)}.part")
+    temporary = target.with_name(f".{_shorten_name(target.name)}.part")
     text = {"encoding": "utf-8", "newline": "\n"} if mode == "w" else {}
     try:
-        # "x" makes the file with the user's usual permissions, which tempfile would not
-        with open(temporary, mode.replace("w", "x"), **text) as file:  # type: ignore[call-overload]
-            yield file
-        os.replace(temporary, target)
+        temporary, alone = _open_alone(temporary, PATIENCE_S, f"write {path}")
+        with open(temporary, mode, opener=lambda *_: alone.descriptor, **text) as file:  # type: ignore[call-overload]
+            try:
+                yield file
+                file.flush()
+                if not alone.is_locked:
+                    file.close()
+                # while it is locked nobody else takes it for left over
+                os.replace(temporary, target)
+            except BaseException:
+                with suppress(FileNotFoundError):
+                    os.remove(temporary)
+                raise
     except OSError as error:
         # an error that names another file comes from the caller; a failed write (a full disk) names no file
         if error.filename not in (None, str(temporary), temporary):
             raise
         raise InputError(f"cannot write {path}: {error.strerror or error}: choose another place") from error
-    finally:
-        with suppress(FileNotFoundError):
-            os.remove(temporary)
+
+
+def _shorten_name(name: str) -> str:
+    """Return the name, or a digest of one that has no room for a further ending."""
+    encoded = os.fsencode(name)
+    return name if len(encoded) <= _LONGEST_NAME else hashlib.sha256(encoded).hexdigest()
+
+
+@dataclass(frozen=True)
+class _Alone:
+    """An open file that no other process has, or, where the system has no locks, one of a name of its own."""
+
+    descriptor: int
+    is_locked: bool
+
+
+def _open_alone(path: Path, wait_s: float, what: str) -> tuple[Path, _Alone]:
+    """Open a file for writing that no other process has opened by this function, empty, and return its path.
+
+    Raises:
+        InputError: another process still has it after `wait_s`.
+        OSError: it cannot be opened.
+    """
+    until = time.monotonic() + wait_s
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            is_locked = _lock(descriptor)
+            with suppress(FileNotFoundError):
+                # the one who had it before may have moved or removed it
+                if is_locked and os.path.samestat(found := os.fstat(descriptor), os.stat(path)):
+                    if found.st_size:
+                        os.truncate(descriptor, 0)
+                    return path, _Alone(descriptor, True)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)
+        if is_locked is None:
+            with suppress(OSError):
+                os.remove(path)
+            path = path.with_name(f"{path.name.removesuffix('.part')}.{secrets.token_hex(4)}.part")
+            return path, _Alone(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666), False)
+        if time.monotonic() >= until and not is_locked:
+            raise InputError(
+                f"cannot {what}: another process of opid is writing there: wait until it has ended, or choose another "
+                "place"
+            )
+        time.sleep(_POLL_S)
+
+
+def _lock(descriptor: int) -> bool | None:
+    """Lock an open file until it is closed; return False if another process has it, None if there are no locks."""
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True
+
+
+# ---- several files together ------------------------------------------------------------------------
 
 
 def require_directory(path: str | os.PathLike[str]) -> Path:
@@ -129,12 +219,252 @@ def make_directory(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def write_together(directory: str | os.PathLike[str], contents: Mapping[str, bytes]) -> None:
+@dataclass
+class ReservedDirectory(os.PathLike[str]):
+    """A directory into which nobody else writes, from `reserve_directory`.
+
+    Args:
+        path: as it was given; the directory need not exist.
+        hidden: the folder of what is not complete.
+    """
+
+    path: Path
+    hidden: Path
+    _last: str = field(default="", init=False)
+    _stale: set[str] = field(default_factory=set, init=False)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def __truediv__(self, name: str) -> Path:
+        return self.path / name
+
+    @contextmanager
+    def replace_files(self, *, last: str = "", stale: Iterable[str] = ()) -> Iterator[Path]:
+        """Give an empty folder, whose files stand in the directory when the block has ended without an error.
+
+        A directory that does not exist appears with all of them at once: the folder gets its name. In one that exists
+        older files of the same names are moved away first, then the new ones are moved in, within microseconds, and
+        all is moved back if one cannot be; any other file stays. The file `last` says that a result is there: it is
+        the first that goes and the last that comes. So a process that is killed between leaves the whole older
+        result, the whole new one, or a part of one of them without that file, never of both; who reserves the
+        directory next restores the older one.
+
+        A block within the block of the same reserved directory writes into the same folder, and replaces nothing yet.
+
+        Args:
+            last: name of the file without which nobody takes the others for a result.
+            stale: names of files of an older result that go with it.
+
+        Raises:
+            InputError: the directory is full or not writable, or a directory has the name of a file.
+        """
+        new = self.hidden / _NEW
+        self._last, self._stale = last or self._last, self._stale | {*stale}
+        if new.exists():
+            yield new
+            return
+        try:
+            new.mkdir()
+            yield new
+            _exchange(self, new)
+        except (OSError, InputError) as error:
+            cause = error if isinstance(error, OSError) else error.__cause__
+            if not isinstance(cause, OSError) or (cause.filename and not self._is_of(cause.filename)):
+                raise
+            raise InputError(
+                f"cannot write into {self.path}: {cause.strerror or cause}: choose another place"
+            ) from cause
+        finally:
+            _clear(self.hidden)
+            self._last, self._stale = "", set()
+
+    def _is_of(self, name: Any) -> bool:
+        """Whether a file is one of the directory or of its hidden folder: an error of another comes from the caller."""
+        file = Path(os.fsdecode(name))
+        return file.is_relative_to(self.hidden) or file.is_relative_to(os.path.realpath(self.path))
+
+
+@contextmanager
+def reserve_directory(path: str | os.PathLike[str], *, wait_s: float = 0.0) -> Iterator[ReservedDirectory]:
+    """Keep all other processes from writing into a directory until the block ends, and prepare to write into it.
+
+    It is called before long work. What a process that was killed has left is removed, and an older result restored
+    that it was about to replace.
+
+    Args:
+        path: of a directory that exists or can be made; one that is reserved is taken as it is.
+        wait_s: how long to wait for another process that has it.
+
+    Raises:
+        InputError: another process has it, a file has this path, or the directory is full or not writable.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as parent:
+    ...     with reserve_directory(f"{parent}/new") as reserved, reserved.replace_files() as folder:
+    ...         _ = (folder / "a.txt").write_text("1")
+    ...     os.listdir(parent), os.listdir(f"{parent}/new")
+    (['new'], ['a.txt'])
+    """
+    if isinstance(path, ReservedDirectory):
+        yield path
+        return
+    target = require_directory(path)
+    try:
+        hidden, alone = _take_hidden(target, wait_s)
+    except OSError as error:
+        raise InputError(f"cannot write into {path}: {error.strerror or error}: choose another place") from error
+    try:
+        yield ReservedDirectory(target, hidden)
+    finally:
+        _release(hidden, alone)
+
+
+def _release(hidden: Path, alone: _Alone) -> None:
+    """Remove a hidden folder and give its lock back."""
+
+    def remove_contents() -> None:
+        _clear(hidden)
+        with suppress(OSError):
+            os.remove(hidden / _LOCK)
+
+    def remove_folder() -> None:
+        with suppress(OSError):  # the next process has it already
+            hidden.rmdir()
+
+    try:
+        _insist(remove_contents)
+    finally:
+        os.close(alone.descriptor)
+        _insist(remove_folder)
+
+
+def _insist(remove: Callable[[], None]) -> None:
+    """Remove something even if a signal comes just now."""
+    try:
+        remove()
+    except BaseException:
+        remove()
+        raise
+
+
+def _take_hidden(target: Path, wait_s: float) -> tuple[Path, _Alone]:
+    """Make the hidden folder of a directory and lock it, and clear it of what a dead process has left."""
+    while True:
+        hidden, *elsewhere = _list_hidden(target)
+        with suppress(FileNotFoundError):  # another process has just removed it
+            try:
+                hidden.mkdir(exist_ok=True)
+                lock, alone = _open_alone(hidden / _LOCK, wait_s, f"write into {target}")
+            except BaseException:
+                _remove_dead(hidden)
+                raise
+            if not alone.is_locked:
+                lock.unlink()
+                os.close(alone.descriptor)
+                with suppress(OSError):
+                    hidden.rmdir()
+                hidden = hidden.with_name(f"{hidden.name.removesuffix('.part')}.{secrets.token_hex(4)}.part")
+                hidden.mkdir()
+                return hidden, _Alone(os.open(hidden / _LOCK, os.O_RDWR | os.O_CREAT, 0o666), False)
+            try:
+                _undo_exchange(hidden, target)
+                _clear(hidden)
+                for each in filter(Path.is_dir, elsewhere):
+                    with suppress(PermissionError):  # somebody else has left it
+                        _, left = _open_alone(each / _LOCK, wait_s, f"write into {target}")
+                        _undo_exchange(each, target)
+                        _release(each, left)
+                if hidden == _list_hidden(target)[0]:
+                    return hidden, alone
+            except BaseException:
+                _release(hidden, alone)
+                raise
+            # the directory has appeared meanwhile
+            _release(hidden, alone)
+
+
+def _remove_dead(hidden: Path) -> None:
+    """Remove a hidden folder that no process has locked."""
+    with suppress(OSError, InputError):
+        _release(hidden, _open_alone(hidden / _LOCK, 0.0, "remove")[1])
+
+
+def _list_hidden(target: Path) -> list[Path]:
+    """Return where the hidden folder of a directory is: in it, or in the nearest one above that exists.
+
+    Those in the others follow, which one has used who came when fewer directories were there.
+    """
+    whole = Path(os.path.realpath(target))
+    above = [part for part in whole.parents if part.is_dir()]
+    named = [part / f".{_shorten_name('.'.join(whole.relative_to(part).parts))}.part" for part in above]
+    return [whole / _HIDDEN, *named] if whole.is_dir() else named
+
+
+def _clear(hidden: Path) -> None:
+    """Remove what is in a hidden folder but its lock, unless it has what could not be restored."""
+    with suppress(OSError):
+        if os.listdir(hidden / _OLD) and os.listdir(hidden / _NEW):
+            return
+    for name in (_NEW, _OLD):
+        shutil.rmtree(hidden / name, ignore_errors=True)
+    with suppress(OSError):
+        (hidden / _NAMES).unlink()
+
+
+def _exchange(reserved: ReservedDirectory, new: Path) -> None:
+    """Move all files from the folder `new` into the directory, in the place of those of an older result."""
+    target, last = Path(os.path.realpath(reserved.path)), reserved._last
+    if not target.is_dir():
+        made = [part for part in target.parents if not part.exists()]
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            new.rename(target)
+        except BaseException:
+            for part in made:
+                with suppress(OSError):
+                    part.rmdir()
+            raise
+        return
+    names = sorted(os.listdir(new), key=lambda name: (name == last, name))
+    older = [name for name in {last: 0} | dict.fromkeys((*names, *sorted(reserved._stale))) if name]
+    older = [name for name in older if os.path.lexists(target / name)]
+    for name in older:
+        if (target / name).is_dir():
+            raise InputError(f"cannot write {reserved / name}: it is a directory: choose another place")
+    (new.parent / _NAMES).write_bytes(b"\0".join(map(os.fsencode, names)))
+    (new.parent / _OLD).mkdir()
+    try:
+        for name in older:
+            (target / name).rename(new.parent / _OLD / name)
+        for name in names:
+            (new / name).rename(target / name)
+    except BaseException:
+        _undo_exchange(new.parent, target)
+        raise
+
+
+def _undo_exchange(hidden: Path, target: Path) -> None:
+    """Restore the older files of an exchange that has begun and is not complete; it may itself be interrupted."""
+    new, old, target = hidden / _NEW, hidden / _OLD, Path(os.path.realpath(target))
+    if not old.is_dir() or not new.is_dir() or not os.listdir(new):
+        return
+    for name in map(os.fsdecode, (hidden / _NAMES).read_bytes().split(b"\0")):
+        if not (new / name).exists() and (target / name).exists():
+            (target / name).rename(new / name)
+    for name in os.listdir(old):
+        (old / name).replace(target / name)
+
+
+def write_together(
+    directory: str | os.PathLike[str], contents: Mapping[str, bytes], *, stale: Iterable[str] = ()
+) -> None:
     """Write several files so that either all of them appear or none; other files in the directory stay.
 
     Args:
-        directory: path of the directory; it is made if it does not exist, and then deleted again after a failure.
-        contents: {name of the file: bytes}.
+        directory: path of the directory; it is made if it does not exist.
+        contents: {name of the file: bytes}; the last one is that of `replace_files`.
+        stale: names of older files that go when these appear.
 
     Raises:
         InputError: the directory cannot be written to.
@@ -145,18 +475,10 @@ def write_together(directory: str | os.PathLike[str], contents: Mapping[str, byt
     ...     sorted(os.listdir(f"{parent}/new"))
     ['a', 'b']
     """
-    target = Path(directory)
-    made = [part for part in (target, *target.parents) if not part.exists()]
-    make_directory(target)
-    try:
-        with ExitStack() as stack:
-            files = {name: stack.enter_context(write_whole(target / name, "wb")) for name in contents}
-            for name, content in contents.items():
-                files[name].write(content)
-                # a full disk must show before the first file is moved to its name
-                files[name].flush()
-    except BaseException:
-        for part in made:
-            with suppress(OSError):
-                part.rmdir()
-        raise
+    with (
+        reserve_directory(directory, wait_s=PATIENCE_S) as reserved,
+        reserved.replace_files(last=[*contents][-1] if contents else "", stale=stale) as folder,
+    ):
+        for name, content in contents.items():
+            with open(folder / name, "xb") as file:
+                file.write(content)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from opid.errors import InputError
 from opid.progress import Say
-from opid.signals.files import write_whole
+from opid.signals.files import PATIENCE_S, reserve_directory
 from opid.studies.schema import Document, find_misspelt, load
 
 if TYPE_CHECKING:
@@ -190,6 +190,8 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
 def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
     """Write a study file, and beside it the files that it names, so that `read_study` gives the study back.
 
+    All of them appear together.
+
     Of suspensions that is `NAME.csv` for each run, of a test bench bench.csv; of modal tests modes.npz, the log of each
     test, CSV, or HDF5 where the logs are large and h5py is installed, and a CSV file for each curve; of backbones
     structure.npz and a CSV file for each.
@@ -209,9 +211,14 @@ def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
         raise InputError(
             f"study is of type {type(study).__name__}: give a Study, a BenchStudy, a ModalStudy or an UpdatingStudy"
         )
-    text = _load_module(kind).write_files(study, target.parent)
-    with write_whole(target) as file:
-        file.write(text)
+    if not target.parent.is_dir():
+        raise InputError(f"cannot write {path}: there is no directory {target.parent}: create it first")
+    with (
+        reserve_directory(target.parent, wait_s=PATIENCE_S) as reserved,
+        reserved.replace_files(last=target.name) as folder,
+    ):
+        text = _load_module(kind).write_files(study, folder)
+        (folder / target.name).write_text(text, encoding="utf-8", newline="\n")
 
 
 def _load_module(kind: StudyKind) -> Any:

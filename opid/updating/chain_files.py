@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from opid.errors import InputError, pip_install, require
-from opid.signals.files import make_directory, write_whole
+from opid.signals.files import PATIENCE_S, reserve_directory, write_whole
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.chains import to_inference_data
 
 SUMMARY_FILE = "chains_summary.csv"
+
+CHAIN_FILES = ("chains_linear.nc", "chains_class_[0-9]*.nc", SUMMARY_FILE)
+"""Patterns of the names of the files that an updating can leave."""
 
 
 def require_arviz() -> None:
@@ -40,26 +43,28 @@ def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[P
         InputError: ArviZ is not installed or cannot write netCDF, or a place that cannot be written to.
     """
     require_arviz()
-    target = make_directory(directory)
-    written, of_chains = [], {}
-    for name, posterior, parameters in _list_posteriors(result):
-        path = target / f"chains_{name}.nc"
-        chain = posterior.chain
-        # Errors of the calibration are independent of the chains, whose diagnostics are without them.
-        calibrated = replace(chain, samples=posterior.samples.reshape(chain.samples.shape))
-        data = to_inference_data(calibrated, parameters)
-        try:
-            data.to_netcdf(path)
-        except (ImportError, ValueError) as error:
-            reason = " ".join(str(error).split())
-            raise InputError(f"ArviZ cannot write {path} ({reason}): run `{pip_install('h5netcdf')}`") from error
-        written.append(path)
-        if len(chain.samples) > 1:
-            of_chains[name] = to_inference_data(chain, parameters)
-    if of_chains:
-        written.append(target / SUMMARY_FILE)
-        _write_summary(of_chains, written[-1])
-    return tuple(written)
+    names, of_chains = [], {}
+    with (
+        reserve_directory(directory, wait_s=PATIENCE_S) as reserved,
+        reserved.replace_files() as folder,
+    ):
+        for name, posterior, parameters in _list_posteriors(result):
+            names.append(f"chains_{name}.nc")
+            chain = posterior.chain
+            # Errors of the calibration are independent of the chains, whose diagnostics are without them.
+            calibrated = replace(chain, samples=posterior.samples.reshape(chain.samples.shape))
+            data = to_inference_data(calibrated, parameters)
+            try:
+                data.to_netcdf(folder / names[-1])
+            except (ImportError, ValueError) as error:
+                reason, path = " ".join(str(error).split()), reserved / names[-1]
+                raise InputError(f"ArviZ cannot write {path} ({reason}): run `{pip_install('h5netcdf')}`") from error
+            if len(chain.samples) > 1:
+                of_chains[name] = to_inference_data(chain, parameters)
+        if of_chains:
+            names.append(SUMMARY_FILE)
+            _write_summary(of_chains, folder / SUMMARY_FILE)
+    return tuple(reserved / name for name in names)
 
 
 def _write_summary(data_of: Mapping[str, Any], path: Path) -> None:

@@ -24,7 +24,7 @@ from opid.mechanics.truth import (
     Truth,
     UpdatingTruth,
 )
-from opid.signals.files import make_directory, write_whole
+from opid.signals.files import PATIENCE_S, reserve_directory, write_whole
 from opid.studies.study_file import write_study
 
 if TYPE_CHECKING:
@@ -45,16 +45,19 @@ class _Kind:
 
 
 def write_field_test(study: AnyStudy, truth: Truth, directory: str | os.PathLike[str]) -> Path:
-    """Write the logs or other files of a study, study.toml and truth.json, and return the path of the study.
+    """Write the logs or other files of a study, study.toml and truth.json, together, and return the path of the study.
 
     Raises:
         InputError: a directory that cannot be written to, or what `write_study` refuses.
     """
-    target = make_directory(directory)
-    write_study(study, target / "study.toml")
-    with write_whole(target / "truth.json") as file:
-        file.write(json_text(tabulate_truth(truth)))
-    return target / "study.toml"
+    with (
+        reserve_directory(directory, wait_s=PATIENCE_S) as reserved,
+        reserved.replace_files(last="study.toml") as folder,
+    ):
+        write_study(study, folder / "study.toml")
+        with write_whole(folder / "truth.json") as file:
+            file.write(json_text(tabulate_truth(truth)))
+    return reserved / "study.toml"
 
 
 def tabulate_truth(truth: Truth) -> dict[str, Any]:

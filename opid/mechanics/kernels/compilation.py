@@ -2,7 +2,8 @@
 
 numba keeps the machine code of a kernel on disk and makes it anew when the file of the kernel changes, but not when
 another file changes whose functions are compiled into it. The name under which the code is kept therefore holds a
-digest of all sources of the kernels: other sources give another name.
+digest of all sources of the kernels: other sources give another name. Where the code can be neither kept nor read (a
+full or read-only disk, no home), it is compiled in each process.
 
 A built-in kind of law has the code of its index in `BUILT_IN` and is compiled into the kernels. A user's own kind is
 compiled alone, and its code is the address of the compiled function: no kernel is compiled anew for it.
@@ -12,6 +13,8 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import logging
+import pickle
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -21,12 +24,18 @@ import numpy as np
 from llvmlite import ir
 from numba import carray, cfunc, extending, njit, types
 from numba.core import cgutils
+from numba.core.caching import FunctionCache
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager
 from numba.np.arrayobj import make_array, populate_array
 
 from opid.mechanics.laws import kind, kinds, memory_kinds
 from opid.mechanics.laws.kinds import BUILT_IN, LAWS, Kind
+
+logger = logging.getLogger(__name__)
+
+# A file of the cache may be cut off where the machine has lost its power.
+_CACHE_FAILURES = (OSError, EOFError, ValueError, AttributeError, ImportError, IndexError, pickle.UnpicklingError)
 
 Freedom = Literal["none", "fused", "any order"]
 # freedom of LLVM with sums and products, in its own words
@@ -38,6 +47,25 @@ _NUMBER = types.float64
 # and nothing that numba would inline; without them a compilation takes a tenth less.
 _UNNEEDED_PASSES = ("InlineClosureLikes", "InlineInlinables", "InlineOverloads", "NopythonRewrites")
 _CODES = {kind.name: code for code, kind in enumerate(BUILT_IN)}
+
+
+class _Cache(FunctionCache):
+    """numba's cache of a function on disk, whose failures have no effect but that the function is compiled anew."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the machine code for a signature, or None."""
+        try:
+            return super().load_overload(sig, target_context)
+        except _CACHE_FAILURES as error:
+            logger.info("cannot read compiled code: %s", error)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the machine code for a signature."""
+        try:
+            super().save_overload(sig, data)
+        except _CACHE_FAILURES as error:
+            logger.info("cannot keep compiled code: %s", error)
 
 
 class _KernelCompiler(CompilerBase):
@@ -108,14 +136,14 @@ def kernel(*, freedom: Freedom = "none") -> Callable[[Callable[..., Any]], Any]:
     def compile_at_first_call(function: Callable[..., Any]) -> Any:
         function.__qualname__ = f"{function.__qualname__}_{_compute_digest()}"
         # Without Python's lock, several tests are simulated at once in threads.
-        return njit(
-            function,
-            error_model="numpy",
-            fastmath=_FLAGS[freedom],
-            cache=True,
-            nogil=True,
-            pipeline_class=_KernelCompiler,
+        compiled: Any = njit(
+            function, error_model="numpy", fastmath=_FLAGS[freedom], nogil=True, pipeline_class=_KernelCompiler
         )
+        try:
+            compiled._cache = _Cache(compiled.py_func)
+        except (OSError, RuntimeError) as error:  # numba finds no directory that it can write to
+            logger.info("compiled code is not kept: %s", error)
+        return compiled
 
     return compile_at_first_call
 

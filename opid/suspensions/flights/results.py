@@ -120,9 +120,9 @@ def _list_files(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], li
             files.append(path / RESULT_FILE)
             continue
         found: list[Path] = []
-        for child in sorted(each for each in path.iterdir() if each.is_dir()):
+        for child in sorted(each for each in path.glob("[!.]*") if each.is_dir()):
             own = child / RESULT_FILE
-            several = [own] if own.is_file() else sorted(child.glob(f"*/{RESULT_FILE}"))
+            several = [own] if own.is_file() else sorted(child.glob(f"[!.]*/{RESULT_FILE}"))
             found += several
             if not several and (child / STUDY_FILE).is_file():
                 unfinished.append(child)
