@@ -8,10 +8,11 @@ from typing import Unpack
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
+from opid.estimate import format_percent
 from opid.mechanics.structure import modal_assurance
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.linear import LinearData, LinearErrors, linear_data, log_posterior, mean_eigenvalue
-from opid.updating.measured import MeasuredBackbone, by_mode
+from opid.updating.measured import MeasuredBackbone
 from opid.updating.model_class import Prior
 from opid.updating.result import LinearMode, LinearPosterior
 from opid.updating.sampling.chains import Chain, LogDensity, diagnose, estimates_of, find_pressures, spread_starts
@@ -100,7 +101,7 @@ def update_linear(
         samples=chain.pooled,
         modes=table,
         diagnostics=diagnostics,
-        warnings=(*warnings, *_list_warnings(data, table, backbones, errors)),
+        warnings=(*warnings, *_list_warnings(data, table, errors)),
         chain=chain,
         name=name,
         evidence=_find_evidence(density, chain, support, rng),
@@ -176,10 +177,8 @@ def _find_assurance(data: LinearData, shape: FloatArray) -> float:
     return float(np.mean(each))
 
 
-def _list_warnings(
-    data: Sequence[LinearData], table: Sequence[LinearMode], backbones: Sequence[MeasuredBackbone], errors: LinearErrors
-) -> list[str]:
-    warnings, cov, curves_of = [], errors.get("cov", "scatter"), by_mode(backbones)
+def _list_warnings(data: Sequence[LinearData], table: Sequence[LinearMode], errors: LinearErrors) -> list[str]:
+    warnings, cov = [], errors.get("cov", "scatter")
     for each, row in zip(data, table, strict=True):
         mode, n_sets = f"mode {each.mode}", each.eigenvalue.size
         mean, std = mean_eigenvalue(each)
@@ -201,17 +200,13 @@ def _list_warnings(
                 f"the shape of the updated {mode} is not the measured one (MAC {row.updated_mac:.2f}): check whether "
                 "the curves are of another mode, and check the names and signs of the sensors"
             )
-        moved = float(np.mean([_find_nonlinear_part(curve) for curve in curves_of[each.mode]])) / std
-        if abs(moved) > UPDATING.moved_sigma:
+        # This part is in the deviation where the model has an error.
+        others = float(np.sqrt(max(std**2 - (each.common_std > 0) * each.nonlinear_part**2, 0.0)))
+        if abs(each.nonlinear_part) > UPDATING.moved_sigma * others:
+            fraction = format_percent(abs(each.nonlinear_part) / mean / 2, 2)
             warnings.append(
-                f"the lowest points of {mode} lie {abs(moved):.1f} standard deviations from the frequency to which "
-                "their curves extrapolate at amplitude 0: measure at smaller amplitudes"
+                f"the lowest points of {mode} lie {fraction} from the frequency to which their curves extrapolate at "
+                "amplitude 0, which is more than their other errors: measure at smaller amplitudes, or update the "
+                "structure together with the laws (joint = true)"
             )
     return warnings
-
-
-def _find_nonlinear_part(curve: MeasuredBackbone) -> float:
-    """Return the eigenvalue at the lowest point less that at amplitude 0, by a line in the square of the amplitude."""
-    square = (curve.controlled_amplitude / curve.controlled_amplitude[0]) ** 2
-    near = slice(0, max(3, np.count_nonzero(square <= 9)))
-    return float(np.polyfit(square[near], curve.eigenvalue[near], 1)[0])

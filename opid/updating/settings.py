@@ -35,8 +35,12 @@ class UpdatingThresholds:
     # mode what the best parameters need
     missed_sigma: float = 3.0
     poor_mac: float = 0.8  # MAC of the updated shape with the measured ones below which they are hardly of one mode
-    # standard deviations by which the lowest points may lie off the linear frequency of their curves
+    # ratio of the part of the lowest eigenvalues that nonlinearity makes to their other errors
     moved_sigma: float = 1.0
+    # powers of the amplitude by which small motions are extrapolated to none: springs, joints that slip (Iwan, Dahl),
+    # and friction that slides at once
+    lowest_powers: tuple[float, ...] = (2.0, 1.0, 0.5)
+    lowest_reach: float = 3.0  # amplitude over the lowest one up to which points are taken for this
     n_amplitudes: int = 12  # amplitudes at which trial backbones are compared to find how the linear error grows
     fewest_amplitudes: int = 3  # amplitudes at which all of these backbones must have converged
     # growth of lambda below which a curve is linear, so that an error cannot grow with it

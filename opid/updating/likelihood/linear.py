@@ -14,6 +14,7 @@ from opid.signals.recording import FloatArray
 from opid.updating.measured import MeasuredBackbone, by_mode, list_sensors, spread_sensors
 from opid.updating.model_class import Prior
 from opid.updating.sampling.chains import LogDensity, posterior_density
+from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import RitzModel, ritz_modes
 
@@ -35,7 +36,8 @@ class LinearErrors(TypedDict, total=False):
         shape_factor: sigma_phi over w_m CoV of "paper"; the square root of the number of sensors where None.
         common_error: standard deviation of the relative error of a linear frequency of the model. It is common to all
             curves of a mode, so that more curves do not reduce it. With 0 (the default, the paper's form) the
-            intervals only hold the errors in which curves differ.
+            intervals only hold the errors in which curves differ. Otherwise the nonlinearity at the lowest points is
+            an error, too, as far as their curves show it.
     """
 
     cov: OneCov | Mapping[int, OneCov]
@@ -60,6 +62,7 @@ class LinearData:
     infer_shape_std: bool = False  # whether the factor of `shape_std`, which may be any number, is integrated out
     # standard deviation of the error of the model, which is common to the eigenvalues of all curves, 1/s^2
     common_std: float = 0.0
+    nonlinear_part: float = 0.0  # mean eigenvalue at the lowest points less that at amplitude 0, 1/s^2
 
 
 def linear_data(
@@ -119,6 +122,8 @@ def linear_data(
         factor = float(np.sqrt(len(sensors))) if shape_factor is None else shape_factor
         guess = factor * spread if one_shape == "paper" else 1.0
         own = weights.get(mode, 1.0)
+        part = _find_nonlinear_part(curves)
+        common_std = 2 * common_error * float(eigenvalue.mean())
         found.append(
             LinearData(
                 mode,
@@ -130,7 +135,8 @@ def linear_data(
                 shape_std=own * (guess if isinstance(one_shape, str) else require_positive("shape_std", one_shape)),
                 infer_eigenvalue_std=one_cov == "inferred",
                 infer_shape_std=one_shape == "inferred",
-                common_std=2 * common_error * float(eigenvalue.mean()),
+                common_std=float(np.hypot(common_std, part)) if common_error else 0.0,
+                nonlinear_part=part,
             )
         )
     return tuple(found)
@@ -227,6 +233,25 @@ def _weigh_normal_errors(
     top = each.max(axis=1)
     total = top + np.log(np.exp(each - top[:, None]).sum(axis=1))
     return total + np.log(step) - 0.5 * count * np.log(2 * np.pi)
+
+
+def _find_nonlinear_part(curves: Sequence[MeasuredBackbone]) -> float:
+    """Return the mean eigenvalue at the lowest points of a mode less that at amplitude 0, 1/s^2.
+
+    It is extrapolated by a line in a power of the amplitude: the square for springs, the first power or the root for
+    joints that slip. The power is that which leaves least of the lowest points of all curves.
+    """
+    found = []
+    for power in UPDATING.lowest_powers:
+        parts, left = [], 0.0
+        for curve in curves:
+            growth = (curve.controlled_amplitude / curve.controlled_amplitude[0]) ** power
+            near = slice(0, max(3, np.count_nonzero(growth <= UPDATING.lowest_reach**power)))
+            slope, start = np.polyfit(growth[near], curve.eigenvalue[near], 1)
+            parts.append(float(slope))
+            left += float(np.sum((curve.eigenvalue[near] - start - slope * growth[near]) ** 2))
+        found.append((left, float(np.mean(parts))))
+    return min(found)[1]
 
 
 def _find_variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
