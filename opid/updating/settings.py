@@ -40,6 +40,7 @@ class UpdatingThresholds:
     # powers of the amplitude by which small motions are extrapolated to none: springs, joints that slip (Iwan, Dahl),
     # and friction that slides at once
     lowest_powers: tuple[float, ...] = (2.0, 1.0, 0.5)
+    lowest_ratio: float = 2.0  # squared error of the first power over that of another, above which the other is taken
     lowest_reach: float = 3.0  # amplitude over the lowest one up to which points are taken for this
     n_amplitudes: int = 12  # amplitudes at which trial backbones are compared to find how the linear error grows
     fewest_amplitudes: int = 3  # amplitudes at which all of these backbones must have converged

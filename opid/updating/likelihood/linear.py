@@ -239,19 +239,25 @@ def _find_nonlinear_part(curves: Sequence[MeasuredBackbone]) -> float:
     """Return the mean eigenvalue at the lowest points of a mode less that at amplitude 0, 1/s^2.
 
     It is extrapolated by a line in a power of the amplitude: the square for springs, the first power or the root for
-    joints that slip. The power is that which leaves least of the lowest points of all curves.
+    joints that slip, where one of these leaves less of the lowest points of all curves. What the scatter of the points
+    makes of it is taken off.
     """
     found = []
     for power in UPDATING.lowest_powers:
-        parts, left = [], 0.0
+        parts, left, freedom, spread = [], 0.0, 0, 0.0
         for curve in curves:
             growth = (curve.controlled_amplitude / curve.controlled_amplitude[0]) ** power
             near = slice(0, max(3, np.count_nonzero(growth <= UPDATING.lowest_reach**power)))
-            slope, start = np.polyfit(growth[near], curve.eigenvalue[near], 1)
-            parts.append(float(slope))
-            left += float(np.sum((curve.eigenvalue[near] - start - slope * growth[near]) ** 2))
-        found.append((left, float(np.mean(parts))))
-    return min(found)[1]
+            terms = np.column_stack([np.ones_like(growth[near]), growth[near]])
+            fitted = np.linalg.lstsq(terms, curve.eigenvalue[near], rcond=None)[0]
+            parts.append(float(fitted[1]))
+            left += float(np.sum((curve.eigenvalue[near] - terms @ fitted) ** 2))
+            freedom += len(terms) - 2
+            spread += float(np.linalg.inv(terms.T @ terms)[1, 1]) / len(curves) ** 2
+        part, variance = float(np.mean(parts)), spread * left / freedom
+        found.append((left, float(np.sign(part) * np.sqrt(max(part**2 - variance, 0.0)))))
+    usual, best = found[0], min(found)
+    return usual[1] if usual[0] < UPDATING.lowest_ratio * best[0] else best[1]
 
 
 def _find_variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:
