@@ -67,6 +67,14 @@ def test_a_curve_in_another_unit_or_with_another_gain_is_named():
         assert float(told.split("multiplied by ")[1].split(":")[0]) == pytest.approx(1 / 1.4, rel=0.15)
 
 
+@pytest.mark.parametrize("factor", [2.5, 1 / 3, 25.4, 1e-3])
+def test_a_curve_in_another_unit_is_named_even_where_it_spoils_the_law(factor):
+    for seed in range(3):
+        (told,) = tell(scaled(made.backbones(seed), factor, lambda number, one: number == 7))
+        assert "curve 'mode 3, curve 2' grows at" in told
+        assert float(told.split("grows at ")[1].split(" times")[0]) == pytest.approx(factor, rel=0.3)
+
+
 def test_curves_of_a_mode_or_a_day_with_other_amplitudes_are_named():
     (told,) = tell(scaled(made.backbones(0), 1.5, lambda number, one: one.mode == 3))
     assert "the curves of mode" in told

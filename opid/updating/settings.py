@@ -137,6 +137,9 @@ class UpdatingThresholds:
     contradicting_sigma: float = 4.0
     # ratio less 1 of amplitudes from which on it is told: a wrong law, or a shape that is wrong, imitates less
     least_apart: float = 0.15
+    # ratio of the amplitudes at which a curve and the others of its mode have grown alike, from which on its unit is
+    # another one: the model tells smaller ones better
+    another_unit: float = 1.8
     # growth of a curve over that of the model below which it counts as this, for its logarithm is needed
     least_grown: float = 0.01
     # motion over that of the sensor that moves most, from which on a sensor tells its gain

@@ -67,9 +67,10 @@ def warn_of_contradictions(
             yield from _warn_of_frequency(mode, own, data.noise)
         yield from _warn_of_days(mode, own, data.noise)
         fits += own
-    wrong = list(_warn_of_sensors(data, model_class, best))
-    # A sensor in the place of the controlled one makes amplitudes wrong, too.
-    yield from wrong or _warn_of_amplitudes(fits)
+    # A curve in another unit spoils the model, and a sensor in the place of the controlled one all amplitudes.
+    yield from (
+        [*_warn_of_scales(backbones)] or [*_warn_of_sensors(data, model_class, best)] or _warn_of_amplitudes(fits)
+    )
 
 
 # ---- frequencies and amplitudes of curves -----------------------------------------------------------
@@ -194,6 +195,35 @@ def _warn_of_amplitudes(fits: Sequence[_CurveFit]) -> Iterator[str]:
             f"the amplitudes of {words} contradict those of the others, with which they agree if they are multiplied "
             f"by {np.exp(off):.2g}: check their unit and the gain of their sensor; theta is a compromise between them"
         )
+
+
+def _warn_of_scales(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
+    """Yield a sentence for each curve whose frequency grows at amplitudes of another unit than those of the others.
+
+    It needs no model, which such a curve can spoil: curves of a mode over one sensor grow alike at equal amplitudes.
+    """
+    alike: dict[tuple[int, str], list[MeasuredBackbone]] = {}
+    for curve in backbones:
+        alike.setdefault((curve.mode, curve.controlled_sensor), []).append(curve)
+    for curves in alike.values():
+        growths = [np.abs(each.eigenvalue / each.eigenvalue[0] - 1) for each in curves]
+        common = min(float(growth.max()) for growth in growths)
+        if len(curves) < UPDATING.fewest_alike or common < UPDATING.least_growth:
+            continue
+        # Up to the same growth, lines in the square of the amplitude differ by the square of the unit.
+        slopes = []
+        for each, growth in zip(curves, growths, strict=True):
+            square = each.controlled_amplitude[growth <= common] ** 2
+            slopes.append(np.polyfit(square, growth[growth <= common], 1)[0] if square.size > 2 else np.nan)
+        if np.isnan(slopes).sum() > len(slopes) - UPDATING.fewest_alike:
+            continue
+        ratio = np.sqrt(np.nanmedian(slopes) / np.where(np.array(slopes) > 0, slopes, np.nan))
+        for each, own in zip(curves, ratio, strict=True):
+            if max(own, 1 / own) > UPDATING.another_unit:
+                yield (
+                    f"curve {each.name!r} grows at {own:.2g} times the amplitudes of the other curves of mode "
+                    f"{each.mode}: check its unit, and whether it is peak, rms or peak to peak; it spoils theta"
+                )
 
 
 # ---- sensors ----------------------------------------------------------------------------------------
