@@ -48,6 +48,15 @@ def test_theta_moves_as_if_the_curves_were_fitted_again_with_other_amplitudes(mo
     assert np.all(np.abs(found.calibration_std - moved) < 0.03 * moved + tolerance)
 
 
+def test_a_normal_prior_is_counted_once():
+    _, flat = update(made.backbones(2), noise=EXACT)
+    prior = Prior("normal", float(flat.best[0]), float(flat.chain.pooled.std()))
+    own = ModelClass("own", (replace(made.CUBIC.terms[0], priors=(prior,)),))
+    _, found = update(made.backbones(2), own)
+    ends = [update(louder(made.backbones(2), factor), own, EXACT)[1].best[0] for factor in (1.01, 0.99)]
+    assert found.calibration_std[0] == pytest.approx(abs(ends[0] - ends[1]) / 2, rel=0.03)
+
+
 def test_a_cubic_coefficient_is_twice_as_uncertain_as_its_amplitudes():
     _, found = update(made.backbones(2), noise=NoiseSettings(motion_error=0.02))
     # A factor s of all amplitudes makes the coefficient that of s^-2.

@@ -337,7 +337,7 @@ def test_arviz_reads_back_the_chains_that_are_written(result, tmp_path):
     for path, posterior in zip(written[:-1], posteriors, strict=True):
         read = real.from_netcdf(path)["posterior"]
         assert list(read.data_vars) == list(posterior.estimates)
-        for column, name in zip(posterior.samples.T, posterior.estimates, strict=True):
+        for column, name in zip(posterior.chain.pooled.T, posterior.estimates, strict=True):
             np.testing.assert_array_equal(read[name].to_numpy().ravel(), column)
 
 

@@ -108,7 +108,9 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
                 # while it is locked nobody else takes it for left over
                 os.replace(temporary, target)
             except BaseException:
-                with suppress(FileNotFoundError):
+                with suppress(OSError):
+                    if not alone.is_locked:
+                        file.close()
                     os.remove(temporary)
                 raise
     except OSError as error:
@@ -232,6 +234,7 @@ class ReservedDirectory(os.PathLike[str]):
     hidden: Path
     _last: str = field(default="", init=False)
     _stale: set[str] = field(default_factory=set, init=False)
+    _is_open: bool = field(default=False, init=False)
 
     def __fspath__(self) -> str:
         return str(self.path)
@@ -261,9 +264,10 @@ class ReservedDirectory(os.PathLike[str]):
         """
         new = self.hidden / _NEW
         self._last, self._stale = last or self._last, self._stale | {*stale}
-        if new.exists():
+        if self._is_open:
             yield new
             return
+        self._is_open = True
         try:
             new.mkdir()
             yield new
@@ -277,7 +281,7 @@ class ReservedDirectory(os.PathLike[str]):
             ) from cause
         finally:
             _clear(self.hidden)
-            self._last, self._stale = "", set()
+            self._last, self._stale, self._is_open = "", set(), False
 
     def _is_of(self, name: Any) -> bool:
         """Whether a file is one of the directory or of its hidden folder: an error of another comes from the caller."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +27,10 @@ def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[P
     """Write chains_linear.nc and chains_class_1.nc, chains_class_2.nc, ... for `arviz.from_netcdf`, and their summary.
 
     Classes are counted as in the report; the parameters are theta_1, theta_2, ..., those of the linear structure have
-    their own names. chains_summary.csv has a row for each of them with the diagnostics of `arviz.summary`: Monte Carlo
-    errors of mean and standard deviation, effective samples of the bulk and the tails, and R-hat. Particles of
-    transitional sampling are not several chains, and have no row.
+    their own names. The chains are those of the law in the unit of the measured amplitudes: `calibration_std` of
+    result.json is not in them. chains_summary.csv has a row for each of them with the diagnostics of `arviz.summary`:
+    Monte Carlo errors of mean and standard deviation, effective samples of the bulk and the tails, and R-hat. Particles
+    of transitional sampling are not several chains, and have no row.
 
     Args:
         result: from `update_study`.
@@ -51,16 +51,14 @@ def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[P
         for name, posterior, parameters in _list_posteriors(result):
             names.append(f"chains_{name}.nc")
             chain = posterior.chain
-            # Errors of the calibration are independent of the chains, whose diagnostics are without them.
-            calibrated = replace(chain, samples=posterior.samples.reshape(chain.samples.shape))
-            data = to_inference_data(calibrated, parameters)
+            data = to_inference_data(chain, parameters)
             try:
                 data.to_netcdf(folder / names[-1])
             except (ImportError, ValueError) as error:
                 reason, path = " ".join(str(error).split()), reserved / names[-1]
                 raise InputError(f"ArviZ cannot write {path} ({reason}): run `{pip_install('h5netcdf')}`") from error
             if len(chain.samples) > 1:
-                of_chains[name] = to_inference_data(chain, parameters)
+                of_chains[name] = data
         if of_chains:
             names.append(SUMMARY_FILE)
             _write_summary(of_chains, folder / SUMMARY_FILE)

@@ -199,7 +199,7 @@ def _warn(shaken: _Shaken, peaks: FloatArray, unfit: Collection[int]) -> Iterato
         modes = " and ".join(f"mode {mode}" for mode in sorted(unfit))
         yield (
             f"{shaken.words}: the response has no interval, for the laws of {shaken.model_class.name!r} do not fit the "
-            f"tests of {modes}, and all modes have the same laws: try another class"
+            f"tests of {modes}, and the same parameters predict all modes: try another class"
         )
 
 

@@ -77,7 +77,11 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _predict(study, data, best, linear)
-    responses, told = _predict_responses(study, data, best, linear)
+    adapted, unfit, contradictions = adapt_to_class(data, best.model_class, best.best), set[int](), list[str]()
+    if not best.has_no_effect:
+        unfit = find_unfit_modes(adapted, best.model_class, best.best)
+        contradictions += warn_of_contradictions(adapted, best.model_class, best.best, study.backbones, unfit=unfit)
+    responses, told = _predict_responses(study, data, best, linear, adapted, unfit)
     own = np.random.default_rng([study.seed, 6])
     damping = () if data.force is None else tuple(predict_damping(data, best, study.backbones, rng=own))
     harmonics = _predict_harmonics(study, data, best, linear)
@@ -111,7 +115,7 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
             *lost,
             *warn_of_classes(classes),
             *warn_of_choice(classes, bands),
-            *_warn_of_contradictions(study, data, best),
+            *contradictions,
             *warn_of_harmonics(harmonics, data),
             *gone,
             *told,
@@ -315,7 +319,12 @@ def _draw_with_factors(
 
 
 def _predict_responses(
-    study: UpdatingStudy, data: BackboneData, best: ClassPosterior, linear: LinearPosterior | None
+    study: UpdatingStudy,
+    data: BackboneData,
+    best: ClassPosterior,
+    linear: LinearPosterior | None,
+    adapted: BackboneData,
+    unfit: set[int],
 ) -> tuple[tuple[ForcedResponse, ...], list[str]]:
     """Return the responses to a force that the study asks for, those of measured modes first, with their sentences."""
     wanted, known, n = study.prediction.responses, by_mode(study.backbones), UPDATING.n_responses
@@ -325,24 +334,14 @@ def _predict_responses(
     if not wanted:
         return found, warnings
     rng, model_class = np.random.default_rng([study.seed, 7]), best.model_class
-    widened = adapt_to_class(data, model_class, best.best)
-    unfit = find_unfit_modes(widened, model_class, best.best)
     for own in filter(None, asked):
         theta = best.draw(n, rng)
-        drawn = (widened, model_class, theta)
+        drawn = (adapted, model_class, theta)
         if own is asked[1]:
             drawn = _draw_with_factors(study, data, model_class, theta, linear, rng)
         responses, told = predict_responses(*drawn, own, study.backbones, unfit=unfit, rng=rng)
         found, warnings = (*found, *responses), [*warnings, *told]
     return found, warnings
-
-
-def _warn_of_contradictions(study: UpdatingStudy, data: BackboneData, best: ClassPosterior) -> list[str]:
-    if best.has_no_effect:
-        return []
-    adapted = adapt_to_class(data, best.model_class, best.best)
-    unfit = find_unfit_modes(adapted, best.model_class, best.best)
-    return list(warn_of_contradictions(adapted, best.model_class, best.best, study.backbones, unfit=unfit))
 
 
 def _list_settings(study: UpdatingStudy, data: BackboneData, growth: Mapping[int, float]) -> Mapping[str, Any]:

@@ -476,7 +476,7 @@ class ModelClass:
         return np.array([prior is not None for each in self.terms for prior in each.priors])
 
     @cached_property
-    def _is_divisor(self) -> NDArray[np.bool_]:
+    def _must_be_positive(self) -> NDArray[np.bool_]:
         """(n,) whether each parameter of all terms is a scale, by which a force divides, or an exponent."""
         own = [each for term in self.terms for each in LAWS[term.kind].parameters]
         return np.array([each.role in ("scale", "exponent") for each in own])
@@ -530,7 +530,7 @@ class ModelClass:
         values = np.broadcast_to(scales, (*unknown.shape[:-1], scales.size)).copy()
         values[..., self.is_unknown] *= unknown
         # A prior may end at 0: a friction that reverses within no velocity at all is the limit of very small ones.
-        return np.where(self._is_divisor, np.maximum(values, TINY), values)
+        return np.where(self._must_be_positive, np.maximum(values, TINY), values)
 
     def law(self, joint: str, theta: Sequence[float] | FloatArray) -> TermSet:
         """Return the law of the joint called `joint` for one theta, (n_parameters,); without a term it is linear."""

@@ -195,12 +195,16 @@ def _calibrate(chain: Chain, model_class: ModelClass, moved: FloatArray, rng: np
 
 
 def _limit_by_prior(peak: Maximum, model_class: ModelClass) -> FloatArray:
-    """Return the covariance at a maximum, which is no wider than the prior where the data tell nothing."""
+    """Return the covariance at a maximum, which is no wider than a uniform prior where the data tell nothing.
+
+    Other priors are in the curvature of the maximum already.
+    """
     ends = np.array([prior.from_normal([-1.0, 1.0])[0] for prior in model_class.priors])
     spread = (ends[:, 1] - ends[:, 0]) / 2
     relative = peak.covariance_inside / np.outer(spread, spread)
+    has_end = np.array([prior.family == "uniform" for prior in model_class.priors], dtype=np.float64)
     # This is the inverse of the sum of both precisions.
-    limited = np.linalg.solve(relative + np.eye(len(relative)), relative)
+    limited = np.linalg.solve(np.eye(len(relative)) + relative * has_end, relative)
     return np.asarray(limited * np.outer(spread, spread))
 
 
@@ -524,4 +528,9 @@ def _compute_evidences(
         # Classes are compared by the first: where a method refuses, Laplace's is hardly right.
         found.insert(0 if refused else len(found), stages.evidence)
         refused = [f"{each}; the class is compared by its transitional evidence" for each in refused]
-    return tuple(found) or (by_samples(),), refused
+    if not found:
+        try:
+            found.append(by_samples())
+        except NotDeterminedError as error:
+            raise NotDeterminedError("; ".join([*refused, str(error)])) from error
+    return tuple(found), refused

@@ -31,14 +31,14 @@ class _CurveFit:
     Args:
         curve: the curve.
         offset: relative error of its frequencies at small amplitudes.
-        amplitude: error of the logarithm of its amplitudes; nan where lambda hardly grows.
-        amplitude_std: standard deviation of that by the scatter of the points.
+        log_amplitude: error of the logarithm of its amplitudes; nan where lambda hardly grows.
+        log_amplitude_std: standard deviation of that by the scatter of the points.
     """
 
     curve: MeasuredBackbone
     offset: float
-    amplitude: float
-    amplitude_std: float
+    log_amplitude: float
+    log_amplitude_std: float
 
 
 def warn_of_contradictions(
@@ -69,7 +69,9 @@ def warn_of_contradictions(
         fits += own
     # A curve in another unit spoils the model, and a sensor in the place of the controlled one all amplitudes.
     yield from (
-        [*_warn_of_scales(backbones)] or [*_warn_of_sensors(data, model_class, best)] or _warn_of_amplitudes(fits)
+        [*_warn_of_scales(backbones, data.noise)]
+        or [*_warn_of_sensors(data, model_class, best)]
+        or _warn_of_amplitudes(fits)
     )
 
 
@@ -156,11 +158,11 @@ def _warn_of_amplitudes(fits: Sequence[_CurveFit]) -> Iterator[str]:
     Curves are divided by day, by the controlled sensor, by mode, and each from the others of its mode; the division
     that explains most is told.
     """
-    known = [each for each in fits if np.isfinite(each.amplitude)]
+    known = [each for each in fits if np.isfinite(each.log_amplitude)]
     if len(known) < 2:
         return
-    value = np.array([each.amplitude for each in known])
-    own_std = np.array([each.amplitude_std for each in known])
+    value = np.array([each.log_amplitude for each in known])
+    own_std = np.array([each.log_amplitude_std for each in known])
     modes = [each.curve.mode for each in known]
     divisions: list[tuple[str, list[bool], list[bool]]] = []  # words, curves that they mean, and the others
     for day in dict.fromkeys(each.curve.day for each in known if each.curve.day):
@@ -197,32 +199,38 @@ def _warn_of_amplitudes(fits: Sequence[_CurveFit]) -> Iterator[str]:
         )
 
 
-def _warn_of_scales(backbones: Sequence[MeasuredBackbone]) -> Iterator[str]:
-    """Yield a sentence for each curve whose frequency grows at amplitudes of another unit than those of the others.
+def _warn_of_scales(backbones: Sequence[MeasuredBackbone], noise: NoiseSettings) -> Iterator[str]:
+    """Yield a sentence for each curve that reaches a frequency at amplitudes of another unit than the others do.
 
-    It needs no model, which such a curve can spoil: curves of a mode over one sensor grow alike at equal amplitudes.
+    It needs no model, which such a curve can spoil: curves of a mode over one sensor have the same frequency at the
+    same amplitude. The growth at which they are compared is large beside the offsets of curves.
     """
     alike: dict[tuple[int, str], list[MeasuredBackbone]] = {}
     for curve in backbones:
         alike.setdefault((curve.mode, curve.controlled_sensor), []).append(curve)
     for curves in alike.values():
-        growths = [np.abs(each.eigenvalue / each.eigenvalue[0] - 1) for each in curves]
-        common = min(float(growth.max()) for growth in growths)
-        if len(curves) < UPDATING.fewest_alike or common < UPDATING.least_growth:
+        if len(curves) < UPDATING.fewest_alike:
             continue
-        # Up to the same growth, lines in the square of the amplitude differ by the square of the unit.
-        slopes = []
-        for each, growth in zip(curves, growths, strict=True):
-            square = each.controlled_amplitude[growth <= common] ** 2
-            slopes.append(np.polyfit(square, growth[growth <= common], 1)[0] if square.size > 2 else np.nan)
-        if np.isnan(slopes).sum() > len(slopes) - UPDATING.fewest_alike:
+        start = float(np.median([each.eigenvalue[0] for each in curves]))
+        grown = [each.eigenvalue / start - 1 for each in curves]
+        sign = np.sign(np.median([each[-1] for each in grown]))
+        most = [float((sign * each).max()) for each in grown]
+        level = UPDATING.compared_growth * min(most)
+        if level < UPDATING.clear_growth * 2 * noise.curve_offset:
             continue
-        ratio = np.sqrt(np.nanmedian(slopes) / np.where(np.array(slopes) > 0, slopes, np.nan))
-        for each, own in zip(curves, ratio, strict=True):
-            if max(own, 1 / own) > UPDATING.another_unit:
+        # A curve that begins beyond that growth does not tell where it has it.
+        reached = np.array([
+            np.interp(level, np.maximum.accumulate(sign * each), curve.controlled_amplitude, left=np.nan)
+            for curve, each in zip(curves, grown, strict=True)
+        ])  # fmt: skip
+        if np.isfinite(reached).sum() < UPDATING.fewest_alike:
+            continue
+        for curve, ratio in zip(curves, reached / np.nanmedian(reached), strict=True):
+            if max(ratio, 1 / ratio) > UPDATING.another_unit:
                 yield (
-                    f"curve {each.name!r} grows at {own:.2g} times the amplitudes of the other curves of mode "
-                    f"{each.mode}: check its unit, and whether it is peak, rms or peak to peak; it spoils theta"
+                    f"curve {curve.name!r} has the frequencies of the other curves of mode {curve.mode} at {ratio:.2g} "
+                    "times their amplitudes: check its unit, and whether it is peak, rms or peak to peak; it spoils "
+                    "theta"
                 )
 
 
@@ -240,7 +248,8 @@ def _warn_of_sensors(data: BackboneData, model_class: ModelClass, best: FloatArr
 
     def find_misfit(shapes: FloatArray) -> float:
         # Each mode has the length that fits the model best, by the sensors that agree.
-        scale = np.nanmedian(np.where(_find_moving(model), model / shapes, np.nan), axis=1)
+        told = _find_moving(model) & (shapes != 0.0)
+        scale = np.nanmedian(np.where(told, model / np.where(told, shapes, 1.0), np.nan), axis=1)
         error = np.where(seen, shapes * scale[:, np.newaxis] - model, 0.0) / std
         return float(np.sum(np.minimum(error**2, UPDATING.most_misfit**2)))
 
@@ -253,7 +262,7 @@ def _warn_of_sensors(data: BackboneData, model_class: ModelClass, best: FloatArr
             exchanged.append((find_misfit(swapped), one, other))
     if exchanged:
         left, one, other = min(exchanged)
-        if as_given - left > UPDATING.contradicting_sigma**2 and left < UPDATING.explained * as_given:
+        if as_given - left > UPDATING.contradicting_sigma**2 and left < UPDATING.better_exchanged * as_given:
             yield (
                 f"sensors {names[one]!r} and {names[other]!r} seem to be exchanged: the measured shapes are nearer to "
                 f"the structure then (misfit {left:.0f} instead of {as_given:.0f}); check the order of the columns"
@@ -309,10 +318,14 @@ def _find_shapes(
         return None
     expected, n = mode.between @ shapes[0], len(data.system.sensors)
     own = np.where(np.sum(mode.shapes * expected, axis=1, keepdims=True) < 0, -mode.shapes, mode.shapes)
+    with_sensor = np.zeros(own.shape, dtype=bool)
+    for each in mode.shape_sets:
+        # A measured shape has unit length over the sensors of its curve; one sensor has no shape.
+        if each.columns.size > 1:
+            own[each.points] *= each.find_length(expected[each.points])
+            with_sensor[np.ix_(each.points, each.columns)] = True
     measured, model = np.full(n, np.nan), np.full(n, np.nan)
-    with_sensor = mode.seen
-    there = with_sensor.any(axis=0)
-    counts = np.maximum(with_sensor.sum(axis=0), 1)
+    there, counts = with_sensor.any(axis=0), np.maximum(with_sensor.sum(axis=0), 1)
     measured[mode.rows[there]] = (np.where(with_sensor, own, 0.0).sum(axis=0) / counts)[there]
     model[mode.rows[there]] = (np.where(with_sensor, expected, 0.0).sum(axis=0) / counts)[there]
-    return measured, model
+    return (measured, model) if there.any() else None

@@ -242,7 +242,9 @@ def _find_nonlinear_part(curves: Sequence[MeasuredBackbone]) -> float:
     joints that slip, where one of these leaves less of the lowest points of all curves. What the scatter of the points
     makes of it is taken off.
     """
-    found = []
+    from scipy.stats import f as fisher
+
+    found, freedom = [], 0
     for power in UPDATING.lowest_powers:
         parts, left, freedom, spread = [], 0.0, 0, 0.0
         for curve in curves:
@@ -257,7 +259,8 @@ def _find_nonlinear_part(curves: Sequence[MeasuredBackbone]) -> float:
         part, variance = float(np.mean(parts)), spread * left / freedom
         found.append((left, float(np.sign(part) * np.sqrt(max(part**2 - variance, 0.0)))))
     usual, best = found[0], min(found)
-    return usual[1] if usual[0] < UPDATING.lowest_ratio * best[0] else best[1]
+    least = float(fisher.isf(UPDATING.lowest_chance, freedom, freedom))
+    return usual[1] if usual[0] < least * best[0] else best[1]
 
 
 def _find_variation(mode: int, eigenvalue: FloatArray, cov: OneCov) -> float:

@@ -316,7 +316,7 @@ def importance(log_density: LogDensity, chain: Chain, *, rng: np.random.Generato
     if worth < UPDATING.least_worth * n_draws:
         raise NotDeterminedError(
             f"{n_draws} draws about the samples are worth only {worth:.0f}: the posterior is far from a normal "
-            "distribution, which transitional sampling allows"
+            "distribution, which the transitional sampler does not mind"
         )
     return Evidence("importance", total - float(np.log(n_draws)), float(np.sqrt(1 / worth - 1 / n_draws)))
 
@@ -370,8 +370,8 @@ def quadrature(
         n, before = n + n // 2, value
     raise NotDeterminedError(
         f"the integral did not converge to {tolerance:g} within {max_evaluations} evaluations: the posterior has "
-        "steps, long tails or several maxima, which transitional sampling allows; draw more samples, which show how "
-        "far it reaches",
+        "steps, long tails or several maxima, which the transitional sampler does not mind; draw more samples, which "
+        "show how far it reaches",
         partial=before,
     )
 
