@@ -37,8 +37,9 @@ class UpdatingThresholds:
     poor_mac: float = 0.8  # MAC of the updated shape with the measured ones below which they are hardly of one mode
     # ratio of the part of the lowest eigenvalues that nonlinearity makes to their other errors
     moved_sigma: float = 1.0
-    # probability of the better fit of another power than the first below which it is taken
-    lowest_chance: float = 0.05
+    # probability of the better fit of another power than the first below which it is taken: by chance it widens an
+    # interval that is right
+    lowest_chance: float = 0.2
     # powers of the amplitude by which small motions are extrapolated to none: springs, joints that slip (Iwan, Dahl),
     # and friction that slides at once
     lowest_powers: tuple[float, ...] = (2.0, 1.0, 0.5)
@@ -141,9 +142,8 @@ class UpdatingThresholds:
     # ratio of the amplitudes at which a curve and the others of its mode have grown alike, from which on its unit is
     # another one: the model tells smaller ones better
     another_unit: float = 1.8
-    compared_growth: float = 0.8  # ... and the growth where this is looked at, over the smallest that all curves reach
-    # that growth over the usual offset of lambda of a curve, from which on the offset is no other unit
-    clear_growth: float = 5.0
+    # first amplitude of a curve over that at the compared growth up to which it begins at small amplitudes
+    small_start: float = 0.4
     # misfit of the shapes with two sensors exchanged over that as they are, from which on it is no chance
     better_exchanged: float = 0.8
     # growth of a curve over that of the model below which it counts as this, for its logarithm is needed

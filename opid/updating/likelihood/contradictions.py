@@ -96,16 +96,13 @@ def _fit_curves(
     fits = []
     for number, curve in enumerate(curves):
         mine = mode.curve == number
-        terms = np.column_stack([np.ones(mine.sum()), slope[mine]])
         if np.ptp(slope[mine]) < UPDATING.least_growth or mine.sum() < 4:
             fits.append(_CurveFit(curve, float(error[mine].mean()) / 2, np.nan, np.nan))
             continue
-        fitted, left, *_ = np.linalg.lstsq(terms, error[mine], rcond=None)
-        variance = max(float(left.sum()) / (mine.sum() - 2), (2 * data.noise.point_noise) ** 2)
-        std = float(np.sqrt(variance * np.linalg.inv(terms.T @ terms)[1, 1]))
+        start, factor, std = _fit_line(slope[mine], error[mine], 2 * data.noise.point_noise)
         # Amplitudes that are (1 + 2 e)^1/2 times as large make the growth about 1 + 2 e times as large.
-        grown = max(1 + 2 * float(fitted[1]), UPDATING.least_grown)
-        fits.append(_CurveFit(curve, float(fitted[0]) / 2, float(np.log(grown)) / 2, std / grown))
+        grown = max(1 + 2 * factor, UPDATING.least_grown)
+        fits.append(_CurveFit(curve, start / 2, float(np.log(grown)) / 2, std / grown))
     return fits
 
 
@@ -187,8 +184,10 @@ def _warn_of_amplitudes(fits: Sequence[_CurveFit]) -> Iterator[str]:
         off = float(value[one].mean() - np.median(value[other]))
         left = np.concatenate([value[one] - value[one].mean(), value[other] - np.median(value[other])])
         freedom = max(left.size - 2, 1)
-        scatter = max(float(np.sqrt(left @ left / freedom)), float(np.median(own_std)))
-        score = abs(off) / (scatter * np.sqrt(1 / one.size + 1 / other.size))
+        # The scatter between curves, and what their own points tell of each.
+        variance = left @ left / freedom * (1 / one.size + 1 / other.size)
+        variance += sum(float(np.mean(own_std[each] ** 2)) / each.size for each in (one, other))
+        score = abs(off) / np.sqrt(variance)
         if abs(off) > UPDATING.least_apart and score > UPDATING.contradicting_sigma:
             found.append((score, off, words))
     if found:
@@ -200,38 +199,47 @@ def _warn_of_amplitudes(fits: Sequence[_CurveFit]) -> Iterator[str]:
 
 
 def _warn_of_scales(backbones: Sequence[MeasuredBackbone], noise: NoiseSettings) -> Iterator[str]:
-    """Yield a sentence for each curve that reaches a frequency at amplitudes of another unit than the others do.
+    """Yield a sentence for each curve that has grown as far as the others at amplitudes of another unit.
 
-    It needs no model, which such a curve can spoil: curves of a mode over one sensor have the same frequency at the
-    same amplitude. The growth at which they are compared is large beside the offsets of curves.
+    It needs no model, which such a curve can spoil: curves of a mode over one sensor that begin at small amplitudes
+    have grown by the same fraction at the same amplitude. Curves that begin at larger ones are not compared.
     """
     alike: dict[tuple[int, str], list[MeasuredBackbone]] = {}
     for curve in backbones:
         alike.setdefault((curve.mode, curve.controlled_sensor), []).append(curve)
     for curves in alike.values():
-        if len(curves) < UPDATING.fewest_alike:
+        growths = [np.abs(each.eigenvalue / each.eigenvalue[0] - 1) for each in curves]
+        common, found = min(float(each.max()) for each in growths), []
+        for curve, growth in zip(curves, growths, strict=True):
+            near = growth <= common
+            size, grown = curve.controlled_amplitude[near], growth[near]
+            if size.size < 4 or np.ptp(grown) < UPDATING.least_growth or size[0] > UPDATING.small_start * size[-1]:
+                continue
+            _, slope, std = _fit_line(size**2, grown, 2 * noise.point_noise)
+            if slope > 0.0:
+                # Amplitudes that are s times as large make this slope 1 / s^2 times as large.
+                found.append((curve, -np.log(slope) / 2, std / slope / 2))
+        if len(found) < UPDATING.fewest_alike:
             continue
-        start = float(np.median([each.eigenvalue[0] for each in curves]))
-        grown = [each.eigenvalue / start - 1 for each in curves]
-        sign = np.sign(np.median([each[-1] for each in grown]))
-        most = [float((sign * each).max()) for each in grown]
-        level = UPDATING.compared_growth * min(most)
-        if level < UPDATING.clear_growth * 2 * noise.curve_offset:
-            continue
-        # A curve that begins beyond that growth does not tell where it has it.
-        reached = np.array([
-            np.interp(level, np.maximum.accumulate(sign * each), curve.controlled_amplitude, left=np.nan)
-            for curve, each in zip(curves, grown, strict=True)
-        ])  # fmt: skip
-        if np.isfinite(reached).sum() < UPDATING.fewest_alike:
-            continue
-        for curve, ratio in zip(curves, reached / np.nanmedian(reached), strict=True):
-            if max(ratio, 1 / ratio) > UPDATING.another_unit:
+        middle, error = (float(np.median([each[column] for each in found])) for column in (1, 2))
+        for curve, own, std in found:
+            off = own - middle
+            if abs(off) > max(np.log(UPDATING.another_unit), UPDATING.contradicting_sigma * np.hypot(std, error)):
                 yield (
-                    f"curve {curve.name!r} has the frequencies of the other curves of mode {curve.mode} at {ratio:.2g} "
-                    "times their amplitudes: check its unit, and whether it is peak, rms or peak to peak; it spoils "
-                    "theta"
+                    f"curve {curve.name!r} has grown as far as the other curves of mode {curve.mode} at "
+                    f"{np.exp(off):.2g} times their amplitudes: check its unit, and whether it is peak, rms or peak "
+                    "to peak; it spoils theta"
                 )
+
+
+def _fit_line(x: FloatArray, y: FloatArray, least_noise: float) -> tuple[float, float, float]:
+    """Return start and slope of a line, and the standard deviation of the slope by the scatter of the points."""
+    size = float(np.abs(x).max())
+    terms = np.column_stack([np.ones_like(x), x / size])
+    (start, slope), left, *_ = np.linalg.lstsq(terms, y, rcond=None)
+    variance = max(float(left.sum()) / (x.size - 2), least_noise**2)
+    std = float(np.sqrt(variance * np.linalg.inv(terms.T @ terms)[1, 1]))
+    return float(start), float(slope) / size, std / size
 
 
 # ---- sensors ----------------------------------------------------------------------------------------
