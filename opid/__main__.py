@@ -1,11 +1,20 @@
 """`python -m opid` is the `opid` command."""
 
+import os
 import signal
 import sys
 
+# of the libraries of linear algebra, which read them when they are loaded
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
 
 def main() -> None:
-    """Run the command; an interrupt before it has begun or after it has ended shows no traceback."""
+    """Run the command; an interrupt before it has begun or after it has ended shows no traceback.
+
+    Sums that several threads share depend on their number in the last digits, and a result shall not: linear algebra
+    has one thread. Its matrices are small, so that more would not be faster.
+    """
+    os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
         from opid.cli import main as run_command
 
