@@ -156,7 +156,7 @@ def load_document(path: Path, commands: Mapping[str, str]) -> dict[str, Any]:
         document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is no JSON: {advice}") from error
     schema = document.get("schema") if isinstance(document, dict) else None
     if schema not in commands:

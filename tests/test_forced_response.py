@@ -150,7 +150,7 @@ def test_a_class_without_the_right_damper_has_no_interval():
     assert response.peak_hz.interval95 is None
     assert response.is_extrapolated
     told = " ".join(wrong.warnings)
-    assert "the response has no interval, for the laws of 'linear' do not fit the tests of mode 1, and all" in told
+    assert "the response has no interval, for the laws of 'linear' do not fit the tests of mode 1, and the same" in told
     assert "the law is extrapolated beyond that" in told
 
 

@@ -332,7 +332,7 @@ def test_no_response_has_an_interval_where_any_mode_misfits(monkeypatch):
         told = [each for each in found.warnings if "the response has no interval" in each]
         assert len(told) == (not has_interval)
     assert re.search(
-        r"mode 1 under 0\.4 N: .* the laws of 'both' do not fit the tests of mode 2, and all modes", told[0]
+        r"mode 1 under 0\.4 N: .* the laws of 'both' do not fit the tests of mode 2, and the same", told[0]
     )
 
 

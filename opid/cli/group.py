@@ -189,6 +189,9 @@ class Commands(click.Group):
             raise BadInput(str(error)) from error
         except NotDeterminedError as error:
             raise NotDetermined(str(error)) from error
+        except MemoryError as error:
+            words = str(error) or "there is none left"
+            raise BadInput(f"it needs more memory than there is ({words}): ask for less at once") from error
         except OSError as error:
             # if the reader of a pipe has ended, click ends without a word
             if error.errno == errno.EPIPE:

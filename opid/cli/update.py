@@ -34,7 +34,7 @@ N_COMPARED = 20
 @click.option(
     "--samples",
     "n_samples",
-    type=click.IntRange(min=1000),
+    type=click.IntRange(1000, 100_000_000),
     metavar="N",
     help="Samples of a class, whatever the study says.",
 )

@@ -97,11 +97,16 @@ def sine_beats(
 @case_option
 @seed_option("the noise")
 @click.option(
-    "--levels", type=click.IntRange(min=2), default=70, show_default=True, metavar="N", help="Levels of the voltage."
+    "--levels",
+    type=click.IntRange(2, 10_000),
+    default=70,
+    show_default=True,
+    metavar="N",
+    help="Levels of the voltage.",
 )
 @click.option(
     "--curves",
-    type=click.IntRange(min=0),
+    type=click.IntRange(0, 1000),
     default=0,
     show_default=True,
     metavar="N",
@@ -170,11 +175,11 @@ def resonance_logs(
     help="Number of the law of the second pylon.  [default: that of the first]",
 )
 @click.option(
-    "--points", type=click.IntRange(min=3), default=20, show_default=True, metavar="N", help="Points of each curve."
+    "--points", type=click.IntRange(3, 10_000), default=20, show_default=True, metavar="N", help="Points of each curve."
 )
 @click.option(
     "--curves",
-    type=click.IntRange(min=1),
+    type=click.IntRange(1, 1000),
     nargs=2,
     default=(14, 5),
     show_default=True,

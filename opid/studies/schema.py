@@ -75,7 +75,7 @@ def load(source: Path) -> Document:
         raise InputError(f"cannot read {source}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{source} is not UTF-8 text: a study is a TOML file") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # an integer of thousands of digits is a ValueError, too
         raise InputError(f"{source} is no TOML: {error}") from error
 
 

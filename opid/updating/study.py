@@ -32,6 +32,7 @@ Sampler = Literal["adaptive", "nuts", "transitional"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 
 FEWEST_SAMPLES = 1000  # samples of all chains, the warm-up included: fewer give no reliable 95 % interval
+MOST_SAMPLES = 100_000_000  # ... and more do not fit into the memory of usual machines
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,6 +79,8 @@ class UpdatingSettings:
             value = getattr(self, name)
             if value < least:
                 found.append(f"{name} is {value}, give {f'at least {least}' if least else '0 or more'}")
+        if self.n_samples > MOST_SAMPLES:
+            found.append(f"n_samples is {self.n_samples}, give at most {MOST_SAMPLES}")
         if self.sampler == "nuts" and self.form != "recommended":
             found.append(f"sampler is 'nuts' in the form {self.form!r}, which has no slopes, take the recommended form")
         if self.n_confused and self.form != "recommended":

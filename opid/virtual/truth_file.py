@@ -88,7 +88,7 @@ def read_truth(path: str | os.PathLike[str], record: type[T]) -> T:
         ) from error
     except InputError:
         raise
-    except (ValueError, TypeError, LookupError, AttributeError) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
         why = (
             f"it is not JSON (line {error.lineno}: {error.msg})"
             if isinstance(error, json.JSONDecodeError)

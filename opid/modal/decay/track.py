@@ -293,7 +293,8 @@ def _renew_reference(windows: list[_Window], reference: _Reference, fs: float) -
     ahead = max(float(np.median(rate)), 1e-6)
     at_start = float(np.clip(rate[order[0]], ahead, 3.0 * ahead))
     log_of = log_of + np.maximum(centres.min() - time, 0.0) * at_start - np.maximum(time - centres.max(), 0.0) * ahead
-    inside = np.clip(np.exp(0.5 * (log_of - log_seen.max())), root.min(), 1.3)
+    # A rate that is far off grows without an end before the first window.
+    inside = np.clip(np.exp(np.minimum(0.5 * (log_of - log_seen.max()), 1.0)), root.min(), 1.3)
     new_rate = np.maximum(by_rate(inside), 0.2 * ahead)
     new_omega = np.clip(by_omega(inside), 0.8 * np.median(omega), 1.25 * np.median(omega))
     log_amplitude = -cumulative_trapezoid(new_rate, dx=1.0 / fs, initial=0.0)
