@@ -20,6 +20,7 @@ from opid.updating.likelihood.interactions import (
     find_pull,
     with_interactions,
 )
+from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
 from opid.updating.posterior import update_class
 from opid.updating.prediction import predict
@@ -65,7 +66,8 @@ def data_of(backbones, damping, detuning=0.0):
     """The backbones with a structure in which the mode that is met has another frequency."""
     eigenvalue = SYSTEM.eigenvalue.copy()
     eigenvalue[MET] *= (1 + detuning) ** 2
-    return replace(backbone_data(replace(SYSTEM, eigenvalue=eigenvalue), backbones), met_damping=damping)
+    exact = NoiseSettings(motion_error=0.0)
+    return replace(backbone_data(replace(SYSTEM, eigenvalue=eigenvalue), backbones, noise=exact), met_damping=damping)
 
 
 def posterior(data):
