@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 
-# of the libraries of linear algebra, which read them when they are loaded
+# The libraries of linear algebra read these variables when they are loaded.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 

@@ -6,6 +6,9 @@ import pytest
 from cli_runs import opid, refused
 
 from opid.cli import group
+from opid.errors import InputError
+from opid.mechanics.truth import GearTruth
+from opid.virtual.truth_file import read_truth
 
 
 @pytest.mark.parametrize(
@@ -51,9 +54,8 @@ def test_studies_that_are_none_are_told(content, tmp_path):
 def test_a_truth_that_nests_without_end_is_told(tmp_path):
     path = tmp_path / "truth.json"
     path.write_text("[" * 100_000, encoding="utf-8")
-    (tmp_path / "study.toml").write_text("", encoding="utf-8")
-    done = opid("identify", tmp_path / "study.toml", "--truth", path)
-    assert done.exit_code == 2
+    with pytest.raises(InputError, match="is not the truth of"):
+        read_truth(path, GearTruth)
 
 
 def test_memory_that_ends_is_one_sentence(monkeypatch, tmp_path):

@@ -6,6 +6,7 @@ import made_backbones as made
 import numpy as np
 import pytest
 
+from opid.updating import posterior
 from opid.updating.likelihood.backbones import backbone_data
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ModelClass, Prior, UncertainTerm
@@ -71,6 +72,31 @@ def test_exact_amplitudes_and_the_forms_of_the_paper_leave_the_samples_as_they_a
         _, found = update(made.backbones(2), **given)
         np.testing.assert_array_equal(found.samples, found.chain.pooled)
         np.testing.assert_array_equal(found.calibration_std, [0.0])
+
+
+def test_no_interval_is_given_where_the_model_has_no_curve_beside_the_best_parameters(monkeypatch):
+    def lose(data, model_class):
+        return lambda theta: (np.full(len(theta), -np.inf), np.zeros(theta.shape))
+
+    monkeypatch.setattr(posterior, "slopes_function", lose)
+    _, found = update(made.backbones(2))
+    assert found.estimates["theta_1"].interval95 is None
+    assert sum("no interval is given" in warning for warning in found.warnings) == 1
+
+
+def test_a_wide_lognormal_prior_leaves_the_calibration_as_it_is():
+    wide = ModelClass("wide", (replace(made.CUBIC.terms[0], priors=(Prior("lognormal", 1.0, 20.0),)),))
+    _, found = update(made.backbones(2), wide)
+    assert found.calibration_std == pytest.approx(0.02 * found.best, rel=0.01)
+
+
+def test_samples_that_never_move_give_no_interval():
+    # Draws of so wide a prior do not meet the posterior, and neither do particles.
+    absurd = ModelClass("absurd", (replace(made.CUBIC.terms[0], priors=(Prior("lognormal", 1.0, 100.0),)),))
+    _, found = update(made.backbones(2), absurd)
+    assert found.diagnostics.effective_samples < 10
+    assert found.estimates["theta_1"].interval95 is None
+    assert any("no interval is given, draw more samples" in warning for warning in found.warnings)
 
 
 def test_bands_over_measured_amplitudes_do_not_open_with_their_calibration():

@@ -45,11 +45,11 @@ from opid.updating.study import SAMPLERS, Sampler
 from opid.updating.warnings import TOO_LITTLE, has_no_effect, warn_of_class
 
 _NOWHERE = 1e12  # what a search takes for the negative logarithm of a density of 0
-_AMPLITUDE_STEP = 0.005  # of ln A, of half a usual calibration error: what differences of slopes are taken over
-_MOST_DRAWS = 10  # of an error of the calibration within the prior; a sample that finds none stays where it is
+_AMPLITUDE_STEP = 0.005  # The slopes are compared at amplitudes that differ by this to either side, in ln A.
+_MOST_DRAWS = 10  # A sample that finds no place within the prior in so many draws stays where it is.
 _UNKNOWN_CALIBRATION = (
     "how a calibration error of the amplitudes moves theta cannot be computed, because the model does not converge "
-    "beside its best parameters: the intervals lack it; take fewer harmonics"
+    "beside its best parameters: no interval is given; take fewer harmonics, or state motion_error = 0"
 )
 METHODS = ("quadrature", "laplace", "importance", "transitional")
 
@@ -131,11 +131,13 @@ def update_class(
     moved = _find_calibration(data, model_class, best, _limit_by_prior(peak, model_class) if peak else chain.covariance)
     calibrated = _calibrate(chain, model_class, moved, rng)
     estimates = estimates_of(calibrated, [f"theta_{k + 1}" for k in range(model_class.n_parameters)])
-    diagnostics = diagnose(chain)
+    diagnostics, is_calibrated = diagnose(chain), bool(np.isfinite(moved).all())
+    if not is_calibrated:
+        warnings.append(_UNKNOWN_CALIBRATION)
+    if not is_calibrated or diagnostics.effective_samples < UPDATING.fewest_samples:
+        estimates = {name: each.without_interval() for name, each in estimates.items()}
     is_idle = has_no_effect(data, model_class)
     if not is_idle:
-        if not np.isfinite(moved).all():
-            warnings.append(_UNKNOWN_CALIBRATION)
         warnings += [*sentences, *refused, *warn_of_class(
             data, model_class, chain, best, estimates=estimates, evidences=found, diagnostics=diagnostics,
             untold=unreached,
@@ -199,13 +201,16 @@ def _limit_by_prior(peak: Maximum, model_class: ModelClass) -> FloatArray:
 
     Other priors are in the curvature of the maximum already.
     """
-    ends = np.array([prior.from_normal([-1.0, 1.0])[0] for prior in model_class.priors])
-    spread = (ends[:, 1] - ends[:, 0]) / 2
-    relative = peak.covariance_inside / np.outer(spread, spread)
-    has_end = np.array([prior.family == "uniform" for prior in model_class.priors], dtype=np.float64)
+    std = np.sqrt(np.diag(peak.covariance_inside))
+    relative = peak.covariance_inside / np.outer(std, std)
+    # The variance of a uniform prior is a twelfth of the square of its width; other ones add no precision.
+    of_prior = np.array([
+        12 * (own / (prior.second - prior.first)) ** 2 if prior.family == "uniform" else 0.0
+        for prior, own in zip(model_class.priors, std, strict=True)
+    ])  # fmt: skip
     # This is the inverse of the sum of both precisions.
-    limited = np.linalg.solve(np.eye(len(relative)) + relative * has_end, relative)
-    return np.asarray(limited * np.outer(spread, spread))
+    limited = np.linalg.solve(np.eye(std.size) + relative * of_prior, relative)
+    return np.asarray(limited * np.outer(std, std))
 
 
 def _find_unreached(data: BackboneData, model_class: ModelClass, best: FloatArray) -> tuple[tuple[int, ...], list[str]]:

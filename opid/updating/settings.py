@@ -106,7 +106,8 @@ class UpdatingThresholds:
     # coefficient of variation of the weights in each stage; a smaller one needs more stages (Ching & Chen 2007)
     weight_variation: float = 1.0
     most_stages: int = 500  # stages after which the likelihood has no maximum that particles can reach
-    few_samples: float = 200.0  # effective samples below which a 95 % interval is rough
+    few_samples: float = 200.0  # effective samples below which a 95 % interval is rough, ...
+    fewest_samples: float = 10.0  # ... and below which it is none: its ends are then the extremes of a few values
     most_r_hat: float = 1.05  # R-hat above which the chains of a class have not found the same distribution
     # two evidences get a warning if their logarithms differ by more than this ...
     methods_differ: float = 0.5

@@ -81,9 +81,10 @@ def warn_of_class(
     )
     yield from warn_of_pairs(data, model_class, best)
     if diagnostics.effective_samples < UPDATING.few_samples:
+        is_none = diagnostics.effective_samples < UPDATING.fewest_samples
         yield (
-            f"the samples are worth only {diagnostics.effective_samples:.0f} independent ones: intervals are rough, "
-            "draw more samples"
+            f"the samples are worth only {diagnostics.effective_samples:.0f} independent ones: "
+            f"{'no interval is given' if is_none else 'intervals are rough'}, draw more samples"
         )
     if diagnostics.r_hat > UPDATING.most_r_hat:
         yield f"the chains differ (R-hat {diagnostics.r_hat:.2f}): draw more samples, or take the transitional sampler"

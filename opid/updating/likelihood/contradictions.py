@@ -21,7 +21,7 @@ from opid.updating.measured import MeasuredBackbone, by_mode
 from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
 
-_STEP = 0.01  # of the logarithm of the amplitudes, over which lambda of the model is differentiated
+_STEP = 0.01  # Lambda of the model is differentiated over this to either side, in the logarithm of the amplitude.
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,6 +257,7 @@ def _warn_of_sensors(data: BackboneData, model_class: ModelClass, best: FloatArr
     def find_misfit(shapes: FloatArray) -> float:
         # Each mode has the length that fits the model best, by the sensors that agree.
         told = _find_moving(model) & (shapes != 0.0)
+        told[~told.any(axis=1)] = shapes[~told.any(axis=1)] != 0.0
         scale = np.nanmedian(np.where(told, model / np.where(told, shapes, 1.0), np.nan), axis=1)
         error = np.where(seen, shapes * scale[:, np.newaxis] - model, 0.0) / std
         return float(np.sum(np.minimum(error**2, UPDATING.most_misfit**2)))
@@ -283,11 +284,13 @@ def _warn_of_gain(names: Sequence[str], measured: FloatArray, model: FloatArray,
     """Yield at most one sentence, on a sensor that reads another multiple of its motion than the other ones."""
     # Of two sensors nobody knows which one is wrong.
     kept = _find_moving(model).sum(axis=1) >= UPDATING.fewest_alike
+    moves = _find_moving(model) & kept[:, np.newaxis]
+    ratio = np.where(moves, measured / np.where(moves, model, 1.0), np.nan)
+    # A mode in which most sensors are dead tells no gain.
+    kept[kept] = np.nanmedian(ratio[kept], axis=1) != 0.0
     if not kept.any():
         return
-    measured, model, moves = measured[kept], model[kept], _find_moving(model)[kept]
-    ratio = np.where(moves, measured / np.where(moves, model, 1.0), np.nan)
-    ratio = ratio / np.nanmedian(ratio, axis=1, keepdims=True)
+    model, moves, ratio = model[kept], moves[kept], ratio[kept] / np.nanmedian(ratio[kept], axis=1, keepdims=True)
     found = []
     for column, name in enumerate(names):
         own, weight = ratio[moves[:, column], column], (model[moves[:, column], column] / std) ** 2

@@ -37,7 +37,7 @@ Place = tuple[float, float]
 _LEAD_IN_S, _TAIL_S = 8.0, 0.25
 _NOISE_BAND_HZ = (0.5, 40.0)
 _PITCH_HZ = 1.5
-_MOST_SAMPLES = 1e8  # of a channel: 28 hours at 1 kHz, 0.8 GB
+_MOST_SAMPLES = 1e8  # A channel then has 28 hours at 1 kHz, and takes 0.8 GB.
 _BODY_UNITS = {"heave": "m/s^2", "roll": "rad/s^2", "pitch": "rad/s^2", "bending": "m/s^2"}
 
 
