@@ -49,7 +49,16 @@ class Reader:
         )
 
     def press(self, name, button):
+        self.page.bring_to_front()  # a page behind another may draw no frame, and a click waits for two
         self.page.locator(f"[data-chart={name}] button", has_text=button).first.click()
+
+    def show(self, name):
+        self.page.bring_to_front()
+        self.page.locator(f"[data-chart={name}]").scroll_into_view_if_needed()
+
+    def close(self):
+        """Close the page, so that its charts take no time from the next."""
+        self.page.context.close()
 
     def find_serious_faults(self):
         """Return what axe finds that is serious for a reader who does not see or point."""

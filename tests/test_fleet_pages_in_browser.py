@@ -44,12 +44,16 @@ def fleet_file(tmp_path_factory):
 
 @pytest.fixture(scope="module", params=["light", "dark"])
 def index(request, browser, index_file):
-    return Reader(browser, index_file, color_scheme=request.param, viewport={"width": 1000, "height": 900})
+    shown = Reader(browser, index_file, color_scheme=request.param, viewport={"width": 1000, "height": 900})
+    yield shown
+    shown.close()
 
 
 @pytest.fixture(scope="module", params=["light", "dark"])
 def fleet(request, browser, fleet_file):
-    return Reader(browser, fleet_file, color_scheme=request.param, viewport={"width": 1000, "height": 900})
+    shown = Reader(browser, fleet_file, color_scheme=request.param, viewport={"width": 1000, "height": 900})
+    yield shown
+    shown.close()
 
 
 # ---- the index ---------------------------------------------------------------------------------------
@@ -272,6 +276,7 @@ def test_a_telephone_shows_it_without_scrolling_sideways(browser, name, scheme, 
     narrow = Reader(browser, request.getfixturevalue(name), color_scheme=scheme, viewport={"width": 480, "height": 900})
     assert narrow.errors == []
     assert narrow.find_overflow() <= 0
+    narrow.close()
 
 
 def find_cut(reader, name):
@@ -291,7 +296,9 @@ def test_the_tables_fit_into_the_window(index, fleet):
 
 @pytest.fixture(scope="module")
 def narrow_index(browser, index_file):
-    return Reader(browser, index_file, viewport={"width": 480, "height": 900})
+    shown = Reader(browser, index_file, viewport={"width": 480, "height": 900})
+    yield shown
+    shown.close()
 
 
 def test_a_telephone_shows_the_whole_table_with_the_reasons(narrow_index):

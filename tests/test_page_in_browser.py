@@ -34,7 +34,9 @@ def browser():
 
 @pytest.fixture(scope="module", params=["light", "dark"])
 def reader(request, browser, page_file):
-    return Reader(browser, page_file, color_scheme=request.param, viewport={"width": 1000, "height": 900})
+    shown = Reader(browser, page_file, color_scheme=request.param, viewport={"width": 1000, "height": 900})
+    yield shown
+    shown.close()
 
 
 def test_it_opens_offline_and_without_an_error(reader, page_file):
@@ -67,7 +69,7 @@ def test_a_zoom_shows_samples_that_the_whole_record_has_no_pixels_for(reader):
 
 def test_pointing_shows_the_value_of_the_result(reader):
     """Where the mouse is, the page shows a point of the law, with its units."""
-    reader.boxes.page.locator("[data-chart=law_curves]").scroll_into_view_if_needed()
+    reader.show("law_curves")
     x, y, value = reader.page.evaluate(
         """() => { const plot = document.querySelector('[data-chart=law_curves] .plot');
              const trace = plot.data.find((each) => /nonlinear/.test(each.name) && each.xaxis === 'x');
@@ -128,6 +130,7 @@ def test_a_telephone_shows_it_without_scrolling_sideways(browser, page_file, sch
         ".filter(([key]) => /^xaxis/.test(key)).map(([, axis]) => axis.domain)"
     )
     assert domains == [[0, 1]] * len(domains)
+    narrow.close()
 
 
 @pytest.mark.parametrize("width", [1000, 480])
@@ -154,6 +157,7 @@ def test_texts_of_charts_are_whole_apart_and_large_enough(browser, page_file, wi
     for name in names:
         own = [each for each in texts if each["chart"] == name]
         assert [(a["text"], b["text"]) for k, a in enumerate(own) for b in own[:k] if are_on_each_other(a, b)] == []
+    shown.close()
 
 
 def are_on_each_other(a, b):
@@ -247,7 +251,7 @@ def test_the_page_of_every_kind_of_result_is_whole(browser, files_of, kind, widt
            }).map((text) => text.textContent)"""
     )
     assert cut == []
-    shown.page.context.close()
+    shown.close()
 
 
 @pytest.fixture
