@@ -43,7 +43,7 @@ JOINTS = {"jenkins": "iwan_friction", "iwan": "iwan_friction", "dahl": "dahl_fri
 def follow(rng: np.random.Generator, k0: float, c0: float, friction: float) -> Decay:
     """Return one decay with 1 % noise."""
     signal = decay_with_friction(fs=FS, duration_s=3.0, k0=k0, c0=c0, friction=friction, amplitude=LEVEL)
-    return free_decay(noisy_after_rest(signal, rng, 0.01), fs=FS)
+    return free_decay(noisy_after_rest(signal, rng, 0.01), fs=FS, gain_tolerance=0.0)
 
 
 def ring_with_joint(world: str, rng: np.random.Generator) -> tuple[np.ndarray, dict[str, float], float]:
@@ -72,7 +72,8 @@ def print_named_joints(seeds: range) -> None:
         for seed in seeds:
             rng = np.random.default_rng([4, seed])
             signal, truth, c0 = ring_with_joint(world, rng)
-            law = free_decay(noisy_after_rest(signal, rng, 0.01), fs=RUNG_FS, memory=kind).fitted
+            noisy = noisy_after_rest(signal, rng, 0.01)
+            law = free_decay(noisy, fs=RUNG_FS, memory=kind, gain_tolerance=0.0).fitted
             found: dict[str, Estimate] = {}
             if law is not None:
                 values = law.joint_estimates.list_values("", "")

@@ -12,6 +12,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -83,7 +84,7 @@ def run(name: str, n_seeds: int, n_levels: int) -> None:
     found, refused, warned = [], 0, 0
     for seed in range(n_seeds):
         try:
-            result = identify_resonance(make(seed, n_levels))
+            result = identify_resonance(replace(make(seed, n_levels), gain_tolerance=0.01))
         except InputError:
             refused += 1
             continue

@@ -249,7 +249,8 @@ def _structure() -> Json:
 def _bench() -> Json:
     rung = {"law": TEXT, "r2": NUMBER, "r2_left_out": NUMBER, "bic": NUMBER, "kept": FLAG, "chosen": FLAG}
     simulation = fields_of(Simulation, "error_rms_m", "r2", "steps_per_sample", "tried")
-    own = ("title", "r2", "r2_left_out", "n_independent", "loop", "cycle", "gas", "warnings", "not_determined")
+    numbers = ("title", "r2", "r2_left_out", "n_independent", "loop", "cycle", "gas", "calibration")
+    own = (*numbers, "warnings", "not_determined")
     return fields_of(BenchLaw, *own) | {
         "parameters": table(or_null(ESTIMATE)),
         "law": keys({"name": TEXT, "latex": TEXT, "parameters": LAW}),

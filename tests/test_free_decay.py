@@ -373,7 +373,7 @@ def test_right_gains_give_no_warning_and_keep_the_law(seed):
     decay = decay_of(decay_at_sensors(seed)[0], 1, stiffness_order=3, damping_order=1)
     assert decay.warnings == ()
     assert decay.stiffness[3].holds(SENSED_K3)
-    assert decay.stiffness[3].std < 0.03 * SENSED_K3  # the calibrations of the sensors
+    assert 0.03 * SENSED_K3 < decay.stiffness[3].std < 0.035 * SENSED_K3  # twice the calibration of the sensors
     # Shapes with errors of 3 % are wrong gains, too, if no single sensor is to blame.
     wrong = decay_of(decay_at_sensors(seed, n_sensors=10, shape_error=0.03)[0], 1, stiffness_order=3, damping_order=1)
     assert wrong.stiffness[3].holds(SENSED_K3)
@@ -383,7 +383,7 @@ def test_right_gains_give_no_warning_and_keep_the_law(seed):
 def test_the_gain_of_a_signal_widens_what_depends_on_the_amplitude():
     test = decay_at_sensors(0)[0]
     options = {"fs": SENSED_FS, "near_hz": 40.0, "stiffness_order": 3, "damping_order": 1, "mode": 1}
-    given, loose = (free_decay(test.modal_acceleration(1), gain_std=gain, **options) for gain in (0.0, 0.1))
+    given, loose = (free_decay(test.modal_acceleration(1), gain_tolerance=gain, **options) for gain in (0.0, 0.1))
     assert loose.stiffness[3].std == pytest.approx(0.2 * SENSED_K3, rel=0.01)
     assert loose.stiffness[1] == given.stiffness[1]
     assert loose.frequency_std_hz[0] > 5 * given.frequency_std_hz[0]

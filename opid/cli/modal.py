@@ -42,6 +42,7 @@ OPTIONS = {
     "stiffness_order": "--stiffness-order",
     "damping_order": "--damping-order",
     "memory": "--memory",
+    "gain_tolerance": "--gain-tolerance",
 }
 """Settings as the messages of the library name them, and the options of `opid decay` for them."""
 
@@ -322,6 +323,12 @@ def resonance(
     metavar="KIND",
     help="Kind of the joint with memory: iwan_friction, dahl_friction or bouc_wen.  [default: found]",
 )
+@click.option(
+    "--gain-tolerance",
+    type=click.FloatRange(min=0, max=1, max_open=True),
+    metavar="FRACTION",
+    help="Standard deviation of the calibration, 0.01 for 1 %.  [default: that of the study, or 0.015]",
+)
 @out_option("Folder for result.json, report and figure.")
 @with_output
 def decay(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
@@ -372,6 +379,7 @@ def _follow_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
 def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
     """Return the free decay in a channel of a log; its warnings name the options of this command."""
     from opid.modal.decay.free_decay import LENGTHS, QUANTITIES, UNITS, free_decay
+    from opid.modal.settings import MODAL
 
     say("the record")
     kinds = {
@@ -394,6 +402,7 @@ def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
         stiffness_order=settings["stiffness_order"],
         damping_order=settings["damping_order"],
         memory=settings["memory"],
+        gain_tolerance=MODAL.gain_tolerance if settings["gain_tolerance"] is None else settings["gain_tolerance"],
         name=_name_source(settings, None),
     )
     warnings = tuple(_name_options(text, settings) for text in found.warnings)
@@ -406,7 +415,8 @@ def _filter_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
     from opid.modal.forced.mode_tests import find_largest_mode
     from opid.studies.modal_study import read_decays
 
-    tests = read_decays(Path(settings["study"]), logs, say)
+    tests, stated = read_decays(Path(settings["study"]), logs, say)
+    known = stated if settings["gain_tolerance"] is None else settings["gain_tolerance"]
     elastic = [number + 1 for number, is_elastic in enumerate(tests[0].modes.elastic) if is_elastic]
     mode = find_largest_mode(tests[0], elastic) if settings["mode"] is None else settings["mode"]
     options = {name: settings[name] for name in ("stiffness_order", "damping_order", "memory")}
@@ -414,7 +424,7 @@ def _filter_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
     decays = []
     for log, test in zip(logs, tests, strict=True):
         say(f"the decay in {log.name}")
-        found = decay_of(test, mode, **options, **limits)
+        found = decay_of(test, mode, **options, **limits, gain_tolerance=known)
         warnings = tuple(_name_options(text, settings) for text in found.warnings)
         own = {"log": str(log), **settings, "mode": mode}
         name = _name_source(settings, mode)

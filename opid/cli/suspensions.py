@@ -294,6 +294,27 @@ def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Say) -> S
     metavar="M2",
     help="Piston area of an oleo strut, m^2; the report then gives gas pressure and volume.",
 )
+@click.option(
+    "--gain-tolerance",
+    "gain_tolerance",
+    type=click.FloatRange(min=0, max=1, max_open=True),
+    metavar="FRACTION",
+    help="Standard deviation of the gain of each channel.  [default: 0.01]",
+)
+@click.option(
+    "--lag-tolerance",
+    "lag_tolerance_s",
+    type=click.FloatRange(min=0),
+    metavar="S",
+    help="Standard deviation of the lag of the force, s.  [default: 0.0005 and half a sample]",
+)
+@click.option(
+    "--mass-tolerance",
+    "mass_tolerance_kg",
+    type=click.FloatRange(min=0),
+    metavar="KG",
+    help="Standard deviation of the mass between force cell and specimen.  [default: 0.001 kg per N of force]",
+)
 @channel_units_option("Without a study: unit of a channel, like load=kN, whatever the log says; once for each channel.")
 @time_unit_option
 @click.option("--quasi-static", is_flag=True, help="A slow test: time is ignored and may be missing.")

@@ -103,7 +103,7 @@ def identify_modes(study: ModalStudy, *, progress: Say | None = None) -> ModalId
         ),
         not_determined=_explain_no_law(study, shifts),
         settings=_list_orders(study)
-        | {name: getattr(study, name) for name in ("free_linear", "memory", *THRESHOLDS)}
+        | {name: getattr(study, name) for name in ("free_linear", "memory", "gain_tolerance", *THRESHOLDS)}
         | {"nonlinear": list(nonlinear), "study": str(study.source or "")},
         decay_laws=decay_laws,
         systems=systems,
@@ -259,7 +259,8 @@ def _fit_modes(
             names = ", ".join(repr(test.name) for test in tests)
             warnings.append(f"mode {mode} has no test of its own and is fitted to those of other modes ({names})")
         try:
-            fits.append(fit := fit_mode(tests, mode, **_list_orders(study), free_linear=study.free_linear))
+            known: dict[str, Any] = {"free_linear": study.free_linear, "gain_tolerance": study.gain_tolerance}
+            fits.append(fit := fit_mode(tests, mode, **_list_orders(study), **known))
             found = "mode %d: orders %d and %d leave %.3g of the modal force unexplained on %d lines"
             logger.info(found, mode, fit.stiffness_order, fit.damping_order, fit.residual_fraction, fit.n_lines)
         except InputError as error:
@@ -352,6 +353,7 @@ def _try_system(study: ModalStudy, fit: ModeFit, say: Say, warnings: list[str]) 
             memory=study.memory,
             search_own=search_own,
             free_linear=study.free_linear is not False,
+            gain_tolerance=study.gain_tolerance,
         )
     except InputError as error:
         warnings.append(f"mode {fit.mode}: {error}{lost}")
@@ -377,7 +379,8 @@ def _fit_decays(study: ModalStudy, say: Say) -> tuple[tuple[Decay, ...], dict[in
         mode = each.mode or find_largest_mode(each.test, study.nonlinear)
         say(f"free decay {each.test.name}")
         try:
-            decays.append(decay_of(each.test, mode, **_list_orders(study), memory=study.memory))
+            known: dict[str, Any] = {"memory": study.memory, "gain_tolerance": study.gain_tolerance}
+            decays.append(decay_of(each.test, mode, **_list_orders(study), **known))
         except NotDeterminedError as error:
             warnings.append((mode, f"free decay {each.test.name!r} of mode {mode}: {error}"))
     laws = {}

@@ -50,8 +50,11 @@ class ModalThresholds:
     most_outside: float = 0.5  # rms fraction of the motion that no shapes make: a test with more is refused ...
     warned_outside: float = 0.1  # ... and a test with more than this gets a warning
     left_by_cause: float = 0.3  # part of the motion outside the shapes that is left where its cause is found
-    # standard deviation of the gain of a sensor, that of a calibration; shapes with errors of 3 % look like more
-    gain_tolerance: float = 0.01
+    # standard deviation of the gain of a sensor with its amplifier where a study states none: half of the 3 % within
+    # which such a chain is usually calibrated over its band; shapes with errors of 3 % look like more
+    gain_tolerance: float = 0.015
+    # fraction of the motion that the sensors' own errors of calibration, those that differ, put outside exact shapes
+    outside_by_gains: float = 0.01
     # standard deviation of the gain of a mode's coordinate from which it is told: a cubic coefficient is then known to
     # a tenth, and shapes with errors of 3 % at six sensors and more seldom make it worse
     doubtful_gain: float = 0.05

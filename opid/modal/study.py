@@ -13,6 +13,7 @@ from opid.modal.joint_terms import read_memory
 from opid.modal.linear.modes import ACCELERATION, LinearModes, ModalTest, with_units
 from opid.modal.power_laws import HIGHEST_ORDER
 from opid.modal.resonance.curves import ResponseCurve
+from opid.modal.settings import MODAL
 from opid.result import first_lines
 
 Use = Literal["fit", "truth", "level", "decay", "resonance"]
@@ -66,6 +67,8 @@ class ModalStudy:
         frequency_threshold: relative shift of the natural frequency between level tests from which a mode counts as
             nonlinear, 0.002 for 0.2 %; see `level_shifts`.
         damping_threshold: relative shift of the damping ratio from which a mode counts as nonlinear, 0.15 for 15 %.
+        gain_tolerance: standard deviation of the gains of the accelerations and of the force by their calibration, as a
+            fraction, 0.01 for 1 %; 0 for exact ones. The intervals of nonlinear coefficients hold it.
         curves: stepped-sine response curves, from which `identify_resonance` takes the law of a mode, too.
         source: the study file, if there is one.
 
@@ -85,6 +88,7 @@ class ModalStudy:
     couplings: tuple[tuple[int, ...], ...] | None = None
     frequency_threshold: float = 0.002
     damping_threshold: float = 0.15
+    gain_tolerance: float = MODAL.gain_tolerance
     curves: tuple[ResponseCurve, ...] = ()
     source: Path | None = None
 
@@ -135,6 +139,8 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
         threshold = getattr(study, word)
         if not 0 < threshold <= 1:
             yield f"{word} is {threshold}, give a fraction above 0 and up to 1, 0.01 for 1 %"
+    if not 0 <= study.gain_tolerance < 1:
+        yield f"gain_tolerance is {study.gain_tolerance}, give a fraction from 0 to below 1, 0.01 for 1 %"
     for coupling in study.couplings or ():
         wrong = [mode for mode in coupling if not 1 <= mode <= study.modes.n_modes or not study.modes.elastic[mode - 1]]
         if wrong:

@@ -169,8 +169,8 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     return ModalStudy(title, linear, tests=tuple(tests), curves=tuple(curves), source=source, **settings)
 
 
-def read_decays(path: Path, logs: Sequence[Path], say: Say) -> list[ModalTest]:
-    """Read logs of free decays with the modes, sensors and channels of a study file of modal tests.
+def read_decays(path: Path, logs: Sequence[Path], say: Say) -> tuple[list[ModalTest], float]:
+    """Read logs of free decays with the modes, sensors, channels and `gain_tolerance` of a study file of modal tests.
 
     Args:
         path: the study file; the logs of its own tests are not read.
@@ -196,7 +196,8 @@ def read_decays(path: Path, logs: Sequence[Path], say: Say) -> list[ModalTest]:
             files = add_files(test.recording, path, path.parent / study.modes.file)
             tests.append(replace(test, recording=files))
     refuse(faults, path)
-    return tests
+    is_inside = "gain_tolerance" in select_stated(study.modes)
+    return tests, float((study.modes if is_inside else study).gain_tolerance)
 
 
 def write_files(study: ModalStudy, directory: Path) -> str:

@@ -82,7 +82,7 @@ class Decay(Result):
         settings: the options of `opid decay` by their names, and `log`; empty if another program made the result.
         files: the files that the record was read from.
         gain_std: standard deviation of the gain of all amplitudes, as a fraction, which is in the intervals: by the
-            calibration of the sensors and by the motion that the shapes do not explain; 0 for a raw channel.
+            calibration of the sensors and by the motion that the shapes do not explain.
     """
 
     name: str
@@ -173,6 +173,7 @@ def decay_of(
     stop_s: float | None = None,
     friction: bool | None = None,
     memory: bool | str | None = None,
+    gain_tolerance: float = MODAL.gain_tolerance,
 ) -> Decay:
     """Return the free decay of one mode of a test, in modal coordinates, as `free_decay` does of a signal.
 
@@ -181,6 +182,7 @@ def decay_of(
         mode: number of the mode, from 1; it is searched near its linear frequency.
         stiffness_order: order of the stiffness; it and `damping_order`, `start_s`, `stop_s`, `friction`, `memory` are
             those of `free_decay`.
+        gain_tolerance: standard deviation of the gains of the sensors by their calibration, as a fraction.
 
     Raises:
         InputError: no such mode, a rigid-body mode, a motion that no sum of the shapes can make, or what `free_decay`
@@ -190,7 +192,7 @@ def decay_of(
     frequency = float(test.modes.frequency_hz[test.modes.index(mode)])
     if not frequency > 0.0:
         raise InputError(f"mode {mode} is a rigid-body mode (0 Hz): it does not ring; name an elastic mode")
-    check = check_shapes(test, mode, (0.8 * frequency, 1.2 * frequency))
+    check = check_shapes(test, mode, (0.8 * frequency, 1.2 * frequency), gain_tolerance=gain_tolerance)
     if check.faults:
         raise InputError("; ".join(check.faults))
     forces = [test.recording.channel(each.name) for each in test.recording.channels if each.unit == "N"]
@@ -207,7 +209,7 @@ def decay_of(
         memory=memory,
         name=test.name,
         mode=mode,
-        gain_std=check.gain_std,
+        gain_tolerance=check.gain_std,
     )
     return replace(found, warnings=(*found.warnings, *_warn_of_shapes(check, test.name)))
 
@@ -239,7 +241,7 @@ def free_decay(
     length: Length = "m",
     name: str = "decay",
     mode: int | None = None,
-    gain_std: float = 0.0,
+    gain_tolerance: float = MODAL.gain_tolerance,
 ) -> Decay:
     """Return frequency and damping over amplitude of a free decay, and the law of the mode, from one signal.
 
@@ -268,8 +270,8 @@ def free_decay(
             explains it is taken.
         name: the name of the record.
         mode: number of the mode, if the signal is a modal coordinate.
-        gain_std: standard deviation of the gain of the signal, as a fraction, by which all intervals that depend on the
-            amplitude become wider.
+        gain_tolerance: standard deviation of the gain of the signal by its calibration, as a fraction, by which all
+            intervals that depend on the amplitude become wider; 0 for an exact one.
 
     Raises:
         InputError: samples that are no series of finite numbers, an unknown quantity, a band or times out of range.
@@ -287,14 +289,14 @@ def free_decay(
     track, beginning, early = _follow_free(series, fs, limits, acting)
     orders: dict[str, Any] = {"stiffness_order": stiffness_order, "damping_order": damping_order}
     choices = {**orders, "friction": friction, "memory": memory}
-    law, of_law, close = _find_law(track, derivative, choices, gain_std)
+    law, of_law, close = _find_law(track, derivative, choices, gain_tolerance)
     if close is None:
         line = find_line_beside(track, law, derivative=derivative, **orders)
         if line is not None:
             track = line.subtract(track)
-            law, of_law, close = _find_law(track, derivative, choices, gain_std)
+            law, of_law, close = _find_law(track, derivative, choices, gain_tolerance)
             early = [*early, _tell_line(line)]
-    amplitude, natural, natural_std, damping, damping_std = _find_curves(track, derivative, law, close, gain_std)
+    amplitude, natural, natural_std, damping, damping_std = _find_curves(track, derivative, law, close, gain_tolerance)
     of_size = _warn_of_size(amplitude, natural) if length == "m" and mode is None else ()
     warnings = [*early, *_warn_of_track(track, amplitude), *of_size, *of_law]
     order = np.argsort(-amplitude)
@@ -326,7 +328,7 @@ def free_decay(
         fitted=law,
         warnings=tuple(warnings),
         beginning=beginning,
-        gain_std=gain_std,
+        gain_std=gain_tolerance,
     )
 
 

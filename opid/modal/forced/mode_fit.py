@@ -24,9 +24,11 @@ from opid.modal.forced.restoring_fit import (
     Coefficients,
     OrderRung,
     add_delay_error,
+    add_gain_error,
     add_model_error,
     add_scale_error,
     correct_delay,
+    find_common_gain,
     fit_coefficients,
     fit_delay,
     fit_modal_mass,
@@ -187,6 +189,7 @@ def fit_mode(
     free_linear: bool | None = None,
     band_hz: tuple[float, float] | None = None,
     taper_s: float = 0.0,
+    gain_tolerance: float = MODAL.gain_tolerance,
 ) -> ModeFit:
     """Fit the restoring force of one mode to the tests that move it.
 
@@ -198,6 +201,8 @@ def fit_mode(
         free_linear: whether k0 and c0 are corrected; the data decide where None.
         band_hz: band of the lines to fit, Hz; where None, that in which the tests have energy, away from neighbours.
         taper_s: time over which the ends of every test are faded out, s: for records that do not begin and end at rest.
+        gain_tolerance: standard deviation of the gains of force and accelerations by their calibration, as a fraction,
+            which the intervals of the powers above 1 hold; 0 for exact ones.
 
     Raises:
         InputError: no test, one that has not decayed or has no energy in the band, a modal mass that shapes and force
@@ -211,7 +216,7 @@ def fit_mode(
     lines = [mode_lines(test, mode, band, taper_s=taper_s) for test in tests]
     checks = [check_test(test, own, mode, band, taper_s) for test, own in zip(tests, lines, strict=True)]
     refuse([fault for faults, _ in checks for fault in faults], None)
-    of_shapes = [check_shapes(test, mode, band) for test in tests]
+    of_shapes = [check_shapes(test, mode, band, gain_tolerance=gain_tolerance) for test in tests]
     refuse([fault for each in of_shapes for fault in each.faults], None)
     delay = fit_delay(lines)
     lines, delay_left_s = correct_delay(lines, delay)
@@ -228,6 +233,7 @@ def fit_mode(
     misfit = _find_misfit(lines, found)
     found = add_model_error(add_scale_error(found, lines, mass), lines, misfit)
     found = add_delay_error(found, lines, delay_left_s)
+    found = add_gain_error(found, find_common_gain(gain_tolerance))
     fit = replace(
         _make_mode_fit(tests, mode, lines, band, found, mass, tried), delay_s=widen_delay(delay, lines[0].linear[0])
     )

@@ -95,7 +95,7 @@ class ShapeCheck:
     Args:
         outside: rms fraction of the motion that no sum of the shapes can make, without the part of the noise.
         cause: a clause on its most likely cause, "" where none stands out.
-        gain_std: standard deviation of the gain of the modal coordinate, as a fraction, by the calibrations of the
+        gain_std: standard deviation of the gain of the modal coordinate, as a fraction, by the calibration of the
             sensors and by the gain of a single sensor that would put this fraction outside the shapes.
         faults: why the test cannot be used; one clause each.
         warnings: what to doubt where it can be used, likewise.
@@ -109,12 +109,21 @@ class ShapeCheck:
 
     @property
     def is_gain_doubtful(self) -> bool:
-        """Whether the gain of the modal coordinate is worse known than the calibrations of sensors make it."""
+        """Whether the gain of the modal coordinate is worse known than the calibration of sensors makes it."""
         return self.gain_std > MODAL.doubtful_gain
 
 
-def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> ShapeCheck:
-    """Check whether a sum of the shapes can make the motion of a test in the band of a mode."""
+def check_shapes(
+    test: ModalTest, mode: int, band_hz: tuple[float, float], *, gain_tolerance: float = MODAL.gain_tolerance
+) -> ShapeCheck:
+    """Check whether a sum of the shapes can make the motion of a test in the band of a mode.
+
+    Args:
+        test: the test.
+        mode: number of the mode, from 1.
+        band_hz: ends of the band, Hz.
+        gain_tolerance: standard deviation of the gain of its sensors by their calibration, as a fraction.
+    """
     seen = _OutsideShapes.of(test, band_hz)
     outside, blamed = seen.fraction, seen.find_cause()
     cause = blamed.clause if blamed else ""
@@ -126,7 +135,7 @@ def check_shapes(test: ModalTest, mode: int, band_hz: tuple[float, float]) -> Sh
     return ShapeCheck(
         outside=outside,
         cause=cause,
-        gain_std=seen.find_gain_std(test.modes.index(mode), blamed),
+        gain_std=seen.find_gain_std(test.modes.index(mode), blamed, gain_tolerance),
         faults=clause if is_refused else (),
         warnings=() if is_refused else clause,
     )
@@ -196,7 +205,7 @@ class _OutsideShapes:
                 return cause
         # What calibrations and chance put outside has no single cause.
         chance = self.noise * np.sqrt(self.lines.size) / max(float(np.sum(np.abs(self.lines) ** 2)), 1e-300)
-        least = MODAL.shift_sigma * float(np.hypot(MODAL.gain_tolerance, np.sqrt(chance)))
+        least = MODAL.shift_sigma * float(np.hypot(MODAL.outside_by_gains, np.sqrt(chance)))
         return self._find_wrong_gain(found, least) if found > least else None
 
     def _find_wrong_sign(self, found: float) -> _Cause | None:
@@ -266,18 +275,19 @@ class _OutsideShapes:
         inverse = 1.0 - bent / np.where(own > 0.5 * power * np.diag(across), own, np.inf)
         return np.where(np.abs(inverse) > 0.01, 1.0 / np.where(inverse == 0.0, 1.0, inverse), 1.0)
 
-    def find_gain_std(self, index: int, cause: _Cause | None) -> float:
+    def find_gain_std(self, index: int, cause: _Cause | None, gain_tolerance: float) -> float:
         """Return the standard deviation of the gain of a mode's coordinate, as a fraction.
 
         The modal filter F makes the gain 1 + sum_s F_s phi_s (g_s - 1) of the gains of the sensors. Each is known by
-        its calibration; beside that, one sensor has a gain that puts the observed fraction outside the shapes, the one
-        that matters most, or that which is to blame. Where the shapes cannot be checked, the calibrations alone count.
+        its calibration, whose error may be common to all, for one calibrator served them, or their own: the worse of
+        the two counts. Beside that, one sensor has a gain that puts the observed fraction outside the shapes, the one
+        that matters most, or that which is to blame. Where the shapes cannot be checked, the calibration alone counts.
         """
         weights = np.linalg.pinv(self.shapes)[index] * self.shapes[:, index]
         fraction, blamed = self.fraction, 0.0
         if cause is not None and cause.index is not None:
             fraction, blamed = cause.left, float(weights[cause.index] * (cause.gain - 1.0))
-        calibrated = MODAL.gain_tolerance * float(np.linalg.norm(weights))
+        calibrated = gain_tolerance * max(1.0, float(np.linalg.norm(weights)))
         return float(np.linalg.norm([calibrated, blamed, _find_gain_error(self.shapes, index, fraction)]))
 
 

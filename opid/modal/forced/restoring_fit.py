@@ -195,6 +195,29 @@ def add_scale_error(found: Coefficients, lines: Sequence[ModeLines], mass: Estim
     return replace(found, covariance=found.covariance + steps.T @ steps)
 
 
+def add_gain_error(found: Coefficients, gain_std: float) -> Coefficients:
+    """Return coefficients whose covariance holds an error of calibration that no modal mass shows.
+
+    Where force and motion of a mode are both s times too large, the modal mass is 1, and a coefficient of the power n
+    is s^(1 - n) times its value; the correction of a linear coefficient does not change.
+
+    Args:
+        found: the coefficients.
+        gain_std: standard deviation of s, see `find_common_gain`.
+    """
+    step = gain_std * (1.0 - np.array([*found.powers.k, *found.powers.c])) * found.value
+    return replace(found, covariance=found.covariance + np.outer(step, step))
+
+
+def find_common_gain(gain_tolerance: float) -> float:
+    """Return the standard deviation of the gain that force and motion of a mode have in common, as a fraction.
+
+    The gains of force and accelerations have independent errors of the standard deviation `gain_tolerance`. Shapes that
+    the same sensors showed, or a modal mass that is 1, leave their geometric mean unknown.
+    """
+    return gain_tolerance / float(np.sqrt(2.0))
+
+
 def add_model_error(found: Coefficients, lines: Sequence[ModeLines], misfit: float) -> Coefficients:
     """Return coefficients whose covariance holds what a law that misses the tests does to them.
 

@@ -33,7 +33,7 @@ from opid.modal.forced.form_search import (
 )
 from opid.modal.forced.mode_fit import ModeFit, is_delay_sure, widen_delay
 from opid.modal.forced.mode_tests import Interaction
-from opid.modal.forced.restoring_fit import find_rms, find_shown_mass, list_near
+from opid.modal.forced.restoring_fit import find_common_gain, find_rms, find_shown_mass, list_near
 from opid.modal.forced.simulated_fit import (
     FittedForm,
     estimate_joint,
@@ -147,6 +147,7 @@ def fit_system(
     memory: str | None = None,
     search_own: bool = True,
     free_linear: bool = True,
+    gain_tolerance: float = MODAL.gain_tolerance,
 ) -> SystemFit:
     """Fit the law of a mode, and of the modes that it drives, by simulation.
 
@@ -159,6 +160,7 @@ def fit_system(
             where it is not known: then joints of named kinds are tried where nothing else explains a mode alone.
         search_own: whether friction and slip are tried beside the powers.
         free_linear: whether k0 and c0 of the driven modes, and beside slip and joints, are corrected.
+        gain_tolerance: standard deviation of the gains of force and accelerations, as in `fit_mode`.
 
     Raises:
         InputError: no form of the law could be fitted, or a memory that is no kind of joint.
@@ -176,11 +178,12 @@ def fit_system(
     own = [*list_own(system, fit, **free), *list_joints(system, fit, kinds, **free)]
     trials = try_forms(system, own, first, guesses, has_joint=products is None, free_linear=free_linear)
     finer = make_system(tests, bands, largest, step_rad=SIMULATED.step_rad)
-    found = _choose_law(system, finer, fit, trials, memory, products or ()) if trials else None
+    asked = (memory, products or (), gain_tolerance)
+    found = _choose_law(system, finer, fit, trials, *asked) if trials else None
     has_more = (search_own or kinds) and len(bands) == 1
     if has_more and (found is None or found.fit.misfit > SIMULATED.unexplained):
         more = try_other_joints(system, fit, kinds, found.fit.misfit if found else np.inf, **free)
-        found = _choose_law(system, finer, fit, [*trials, *more], memory, products or ()) if more else found
+        found = _choose_law(system, finer, fit, [*trials, *more], *asked) if more else found
     if found is None:
         raise InputError(_explain_unbounded(tests, fit, first))
     return found
@@ -193,11 +196,13 @@ def _choose_law(
     trials: Sequence[Trial],
     memory: str | None,
     products: Sequence[Product],
+    gain_tolerance: float,
 ) -> SystemFit:
     """Return the fit of the simplest good form whose joint the tests determine, with what is to be told of it."""
     while True:
         choice = choose_form(trials, fit.mode, memory)
-        made = _make_fit(finer, fit, trials, choice.trial, _refine_trial(system, finer, choice.trial))
+        likely = _refine_trial(system, finer, choice.trial)
+        made = _make_fit(finer, fit, trials, choice.trial, likely, gain_tolerance)
         kept = [each for each in trials if each is not choice.trial]
         if made.fit.joint_estimates.stands_out or not kept:
             break
@@ -299,7 +304,12 @@ def _guess_product(tests: Sequence[ModalTest], bands: Mapping[int, tuple[float, 
 
 
 def _make_fit(
-    system: System, fit: ModeFit, trials: Sequence[Trial], chosen: Trial, likely: Sequence[FittedForm]
+    system: System,
+    fit: ModeFit,
+    trials: Sequence[Trial],
+    chosen: Trial,
+    likely: Sequence[FittedForm],
+    gain_tolerance: float,
 ) -> SystemFit:
     """Return the fit of the first of the likely ends of the search of the chosen form."""
     system, likely, mass, delay = _correct_delay(system, fit, likely)
@@ -311,7 +321,8 @@ def _make_fit(
     by_scale = _find_error_by_scale(found, freed) if freed else 0.0
     by_mass = _find_error_by_mass(system, found, find_shown_mass(mass))
     by_delay = _find_error_by_delay(system, found, delay)
-    more = spread**2 + _find_model_errors(system, found) ** 2 + by_scale**2 + by_mass**2 + by_delay**2
+    by_gain = find_common_gain(gain_tolerance) * (_count_factors(found.values) - 1.0) * found.values.flatten()
+    more = spread**2 + _find_model_errors(system, found) ** 2 + by_scale**2 + by_mass**2 + by_delay**2 + by_gain**2
     found = replace(found, covariance=found.covariance + np.diag(more))
     std = iter(found.std.tolist())
     estimates: dict[int, list[Estimate]] = {}

@@ -58,7 +58,8 @@ def identify_resonance(
             of the largest displacement; none where None.
         free_mass: whether the scale of the shape is found from the response curves, for shapes that are not
             mass-normalised: the curves then show a modal mass of 1.
-        settings: where a level is steady and which levels and points count; the usual ones where left out.
+        settings: where a level is steady and which levels and points count; where left out, the usual ones with the
+            `gain_tolerance` of the study.
         progress: called with the name of each step as it begins.
 
     Raises:
@@ -73,7 +74,8 @@ def identify_resonance(
         raise InputError(f"the tests hold the modes {listed}: choose one with mode, like {next(iter(held))}")
     number = next(iter(held)) if mode is None else _require_mode(study, held, mode)
     wanted = _Wanted(mode, hold_out, free_mass)
-    return _identify_mode(study, held[number], wanted, settings or ResonanceSettings(), progress or (lambda step: None))
+    chosen = settings or ResonanceSettings(gain_tolerance=study.gain_tolerance)
+    return _identify_mode(study, held[number], wanted, chosen, progress or (lambda step: None))
 
 
 def identify_resonances(
@@ -100,7 +102,8 @@ def identify_resonances(
         InputError: neither such a test nor a curve, or none of the modes can be read.
     """
     _require_study(study)
-    say, chosen = progress or (lambda step: None), settings or ResonanceSettings()
+    say = progress or (lambda step: None)
+    chosen = settings or ResonanceSettings(gain_tolerance=study.gain_tolerance)
     every = _assign_modes(study)
     asked = _Wanted(None, hold_out, free_mass)
     faults: dict[int, str] = {}
@@ -193,6 +196,7 @@ def _identify_mode(
     orders: dict[str, Any] = {"stiffness_order": study.stiffness_order, "damping_order": study.damping_order}
     if wanted.hold_out is not None and not own.curves:
         raise InputError(f"mode {own.mode} has no response curve to hold out: give [[curves]], or leave hold_out away")
+    stated = chosen.gain_tolerance
     own, modes, mass, chosen = _scale(study, own, wanted, chosen)
     levels = _identify_levels(own.tests, own.mode, orders, chosen, say) if own.tests else None
     found = _read_curves(study, own, modes, levels, orders, wanted.hold_out, chosen, say)
@@ -222,7 +226,12 @@ def _identify_mode(
         interaction=levels.interaction if levels else None,
         warnings=(*_warn_of_named(study, own.mode), *(levels.warnings if levels else ()), *found.warnings),
         not_determined="; ".join(filter(None, reasons)) if records_law is None and curves_law is None else "",
-        settings={**orders, **asdict(wanted), "study": str(study.source or "")},
+        settings={
+            **orders,
+            **asdict(wanted),
+            "gain_tolerance": stated,
+            "study": str(study.source or ""),
+        },
         read_files=own.files,
     )
 

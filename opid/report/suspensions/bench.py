@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 
 from opid.estimate import format_number, format_percent, rounded
 from opid.report.document import Document, Figure, Paragraph, Row, build_warnings, write_options, write_sentence
@@ -16,6 +17,7 @@ from opid.report.estimates import (
 )
 from opid.report.sketch import sketch_bench
 from opid.suspensions.bench.law import UNITS, BenchLaw
+from opid.suspensions.bench.record import BenchTolerances
 
 LABELS = {
     "stiffness_n_per_m": "stiffness K",
@@ -162,6 +164,13 @@ def write_command(result: BenchLaw) -> list[str]:
         return ["opid", "law", str(bench.source)]
     words = ["opid", "law", str(bench.log or result.title or "BENCH.csv")]
     words += write_options({f"{role}_channel": name for role, name in bench.channels.items() if name is not None})
+    options = {
+        "gain_tolerance": "gain_tolerance",
+        "lag_tolerance_s": "lag_tolerance",
+        "mass_tolerance_kg": "mass_tolerance",
+    }
+    stated, usual = asdict(bench.tolerances), asdict(BenchTolerances())
+    words += write_options({option: stated[name] for name, option in options.items() if stated[name] != usual[name]})
     words += ["--moving-mass"] if bench.acceleration is not None else []
     words += [] if bench.mass_kg is None else ["--mass", f"{bench.mass_kg:.12g}"]
     words += [] if bench.piston_area_m2 is None else ["--piston-area", f"{bench.piston_area_m2:.12g}"]

@@ -1,25 +1,50 @@
 """Intervals of a bench law: of its parameters, or why they have none, and of the energy that it takes in a cycle.
 
 The energy of a cycle is known better than the parameters that it follows from.
+
+The intervals hold the noise and what is believed of the calibration u: gains, the lag of the force and the mass between
+force cell and specimen. A gain moves each parameter as its unit says. A lag and a mass add a force u c(t), which moves
+the least-squares parameters of the slopes J by pinv(J) c u. What is left of c beside the slopes shows u itself in the
+residual; belief and record are combined by their precisions (Gelman et al., Bayesian Data Analysis, 2013, 2.5).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import FloatArray, Law, Term
 from opid.mechanics.memory import Loop, gradient_along, sine_like, taken_per_cycle
 from opid.suspensions.answer.numbers import amounts_of_gas, as_gas_column, index_of_gas
 from opid.suspensions.bench.problem import all_points, residual_worth
-from opid.suspensions.bench.record import Bench
-from opid.suspensions.bench.settings import BenchSettings
+from opid.suspensions.bench.record import Bench, rate_of
+from opid.suspensions.bench.settings import BenchSettings, CalibrationSettings
 from opid.suspensions.bench.simulation import SimulatedFit
 from opid.suspensions.fitting.least_squares import SeparableFit, clustered_covariance, independent_samples
 from opid.suspensions.result import GasColumn
+from opid.suspensions.sensor_facts import USUAL_LAG_TOLERANCE_S
+
+
+@dataclass(frozen=True)
+class CalibrationError:
+    """One thing that nobody knows exactly about the channels of a bench.
+
+    Args:
+        name: "force gain", "travel gain", "velocity gain", "lag" of the force, or "mass" between force cell and
+            specimen.
+        unit: its unit, "1" for a fraction.
+        tolerance: its standard deviation as it was stated.
+        found: what the tolerance and the record tell of it together; it is not corrected.
+    """
+
+    name: str
+    unit: str
+    tolerance: float
+    found: Estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +57,14 @@ class Spread:
         student: half width of a 95 % interval over the standard deviation.
         cell_s: length of the cells over which scores were added up, s.
         reasons: why no parameter has an interval, one sentence each.
+        calibration: what is known of gains, lag and mass, whose part the covariance holds.
     """
 
     covariance: FloatArray
     student: float
     cell_s: float
     reasons: tuple[str, ...]
+    calibration: tuple[CalibrationError, ...] = ()
 
 
 def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, settings: BenchSettings) -> Spread:
@@ -64,7 +91,7 @@ def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, s
         columns = np.vstack([columns, worth / std * np.eye(1, n_values, index)])
         residual, cells = np.append(residual, worth), np.append(cells, cells[-1] + 1)
     covariance = clustered_covariance(columns, residual, cells)
-    reasons = []
+    reasons = [*_explain_driving(bench, settings)]
     if n_independent <= 2 * n_values:
         reasons.append(
             f"the residual of the law changes so slowly that it has only {n_independent:.0f} independent samples: no "
@@ -75,8 +102,132 @@ def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, s
             *_explain_no_memory(bench, fit, covariance, settings),
             *_explain_no_mass(bench, fit, slopes, covariance),
         ]
-    known_covariance = np.full_like(covariance, np.nan) if reasons else covariance
-    return Spread(known_covariance, student, length / bench.fs, tuple(reasons))
+    calibration, by_calibration = _find_calibration(
+        bench, fit, refined, (columns, residual, cells), settings.calibration
+    )
+    known_covariance = np.full_like(covariance, np.nan) if reasons else covariance + by_calibration
+    return Spread(known_covariance, student, length / bench.fs, tuple(reasons), calibration)
+
+
+# ---- the calibration ----------------------------------------------------------------------------------------
+
+STRAIGHT_UNITS = {"stiffness": "N/m", "damping": "N s/m", "offset": "N", "mass": "kg"}
+
+
+def _find_calibration(
+    bench: Bench,
+    fit: SeparableFit,
+    refined: SimulatedFit | None,
+    data: tuple[FloatArray, FloatArray, NDArray[np.int64]],
+    known: CalibrationSettings,
+) -> tuple[tuple[CalibrationError, ...], FloatArray]:
+    """Return what is known of the calibration, and the covariance of the parameters that it makes.
+
+    `data` are the slopes of the fit, its residual, and the cell of each sample, then those of prior knowledge.
+    """
+    slopes, residual, cells = data
+    tolerances, errors = bench.tolerances, list[CalibrationError]()
+    covariance = np.zeros((slopes.shape[1], slopes.shape[1]))
+    for name, powers in _count_powers(bench, fit).items():
+        std = tolerances.gain_tolerance
+        errors.append(CalibrationError(name, "1", std, Estimate.normal(0.0, std)))
+        values = np.zeros(slopes.shape[1])
+        values[: powers.size] = powers * np.concatenate([fit.weights, fit.law.vector])
+        covariance += std**2 * np.outer(values, values)
+    unknowns = _list_unknowns(bench, refined, known)
+    if not unknowns:
+        return tuple(errors), covariance
+    columns = np.zeros((residual.size, len(unknowns)))
+    columns[: bench.samples.size] = np.stack([column for _, _, _, column in unknowns], axis=1)
+    prior = np.diag([1.0 / max(std, 1e-300) ** 2 for _, _, std, _ in unknowns])
+    moves = np.linalg.lstsq(slopes / _norms(slopes), columns, rcond=1e-12)[0] / _norms(slopes)[:, np.newaxis]
+    beside = columns - slopes @ moves
+    seen = np.linalg.norm(beside, axis=0) > known.least_seen * np.linalg.norm(columns, axis=0)
+    told, precision = np.zeros(len(unknowns)), np.zeros_like(prior)
+    if seen.any():
+        own = np.ix_(seen, seen)
+        told[seen] = np.linalg.lstsq(beside[:, seen], residual, rcond=None)[0]
+        left = residual - beside @ told
+        precision[own] = np.linalg.pinv(clustered_covariance(beside[:, seen], left, cells))
+    posterior = np.linalg.inv(prior + precision)
+    mean = posterior @ precision @ told
+    for (name, unit, std, _), value, own_std in zip(unknowns, mean, np.sqrt(np.diag(posterior)), strict=True):
+        errors.append(CalibrationError(name, unit, std, Estimate.normal(float(value), float(own_std))))
+    # The parameters stay those of the fit, so the mean is an error of theirs, too.
+    return tuple(errors), covariance + moves @ (posterior + np.outer(mean, mean)) @ moves.T
+
+
+def _norms(columns: FloatArray) -> FloatArray:
+    return np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+
+
+def _list_unknowns(
+    bench: Bench, refined: SimulatedFit | None, known: CalibrationSettings
+) -> list[tuple[str, str, float, FloatArray]]:
+    """Return name, unit, tolerance and column of the lag and the mass that are not exact, where the test has them."""
+    if bench.is_quasi_static:
+        return []
+    tolerances, samples = bench.tolerances, bench.samples
+    lag_s, mass_kg = tolerances.lag_tolerance_s, tolerances.mass_tolerance_kg
+    if lag_s is None:
+        lag_s = float(np.hypot(USUAL_LAG_TOLERANCE_S, known.samples_of_lag / bench.fs))
+    if mass_kg is None:
+        mass_kg = known.mass_per_force * float(np.abs(bench.force[samples] - np.mean(bench.force[samples])).max())
+    # A motion that is simulated from a late force is late itself.
+    late = -rate_of(bench.force, fs=bench.fs)[0] if refined is None else bench.velocity
+    found = [("lag", "s", lag_s, late[samples])]
+    if refined is None and bench.mass_kg is None:
+        found.append(("mass", "kg", mass_kg, rate_of(bench.velocity, fs=bench.fs)[0][samples]))
+    return [each for each in found if each[2] > 0.0]
+
+
+def _count_powers(bench: Bench, fit: SeparableFit) -> dict[str, FloatArray]:
+    """Return by which power each parameter goes with the gain of force, travel and velocity, from its unit.
+
+    A velocity that was differentiated has the gain of the travel. The values of memories at the start are left out.
+    """
+    names = [name for name in STRAIGHT_UNITS if not (bench.is_quasi_static and name == "damping")]
+    powers = [_read_powers(STRAIGHT_UNITS[name], 1.0) for name in names[: fit.weights.size]]
+    for term in fit.law.terms:
+        own = {p.name: value for p, value in zip(term.kind.parameters, term.values, strict=True)}
+        powers += [_read_powers(parameter.unit, own.get("exponent", 1.0)) for parameter in term.kind.parameters]
+    table = np.array(powers)
+    if bench.channels.get("velocity") is None:
+        return {"force gain": table[:, 0], "travel gain": table[:, 1] + table[:, 2]}
+    return {"force gain": table[:, 0], "travel gain": table[:, 1], "velocity gain": table[:, 2]}
+
+
+def _read_powers(unit: str, exponent: float) -> tuple[float, float, float]:
+    """Return the powers of force, travel and velocity in a unit like "N s^n/m^n", n the exponent.
+
+    >>> _read_powers("N s^2/m^2", 1.0), _read_powers("N/m^n", 2.5), _read_powers("m/s", 1.0), _read_powers("kg", 1.0)
+    ((1.0, 0.0, -2.0), (1.0, -2.5, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, -1.0))
+    """
+    if unit == "kg":  # force over the rate of the velocity
+        return 1.0, 0.0, -1.0
+    powers = dict.fromkeys(("N", "m", "s"), 0.0)
+    above, _, below = unit.partition("/")
+    for part, sign in ((above, 1.0), (below, -1.0)):
+        for word in part.split():
+            symbol, _, power = word.partition("^")
+            if symbol in powers:
+                powers[symbol] += sign * (exponent if power == "n" else float(power or 1.0))
+    return powers["N"], powers["m"] + powers["s"], 0.0 - powers["s"]
+
+
+def warn_of_calibration(calibration: Sequence[CalibrationError], known: CalibrationSettings) -> Iterator[str]:
+    """Yield a sentence for a lag and for a mass that the record shows beyond what was believed of it."""
+    remedies = {
+        "lag": "the force comes {value:.2g} s after the motion (standard deviation {std:.1g} s): the intervals allow "
+        "for it, and no value is corrected; sample both channels at once with the same filters, or shift the force",
+        "mass": "the force follows the acceleration like that of {value:.2g} kg (standard deviation {std:.1g} kg) "
+        "between force cell and specimen: the intervals allow for it, and no value is corrected; give moving_mass = "
+        "true (--moving-mass), by which the mass is found",
+    }
+    for each in calibration:
+        value, std = each.found.value or 0.0, each.found.std or 0.0
+        if each.name in remedies and abs(value) > max(known.told_sigma * std, known.told_of_tolerance * each.tolerance):
+            yield remedies[each.name].format(value=value, std=std)
 
 
 def fades_linearly(term: Term) -> bool:
@@ -87,6 +238,19 @@ def fades_linearly(term: Term) -> bool:
     inner = (*term.inner, 0.0, 0.0, 0.0)[:3]
     slopes = [kind.memory(h, 1.0, *inner, kind.elements[0])[1] for h in (-0.8, -0.2, 0.2, 0.8)]
     return bool(np.allclose(slopes, slopes[0]))
+
+
+def _explain_driving(bench: Bench, settings: BenchSettings) -> Iterator[str]:
+    """Yield why no parameter has an interval where the force drives the motion: a sign is reversed."""
+    if bench.is_quasi_static:
+        return
+    force, velocity = bench.force[bench.samples], bench.velocity[bench.samples]
+    power = float(np.mean((force - force.mean()) * velocity))
+    if power < -settings.record.driving_correlation * force.std() * velocity.std():
+        yield (
+            f"the force feeds energy into the motion on average ({power:.3g} W), as no passive part does: no parameter "
+            "has an interval; reverse the sign of force or travel"
+        )
 
 
 def _explain_no_memory(

@@ -25,6 +25,7 @@ from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.numbers import warn_of_area
 from opid.suspensions.bench.intervals import (
+    CalibrationError,
     cycle_of,
     estimate_parameters,
     fades_linearly,
@@ -32,6 +33,7 @@ from opid.suspensions.bench.intervals import (
     gas_of_bench,
     has_long_scale,
     loop_of,
+    warn_of_calibration,
 )
 from opid.suspensions.bench.memory import Memory, measure_memory
 from opid.suspensions.bench.problem import (
@@ -102,6 +104,7 @@ class BenchLaw(Result):
         simulation: the motion simulated from the force, by which the parameters were refined; None if the parameters
             are those of the fit to the force.
         gas: the gas of a strut where its travel is zero; None if no gas is found, or if it has no intervals.
+        calibration: what is known of gains, lag and mass between force cell and specimen, which the intervals hold.
     """
 
     bench: Bench
@@ -125,6 +128,7 @@ class BenchLaw(Result):
     interval_cell_s: float
     simulation: Simulation | None = None
     gas: GasColumn | None = None
+    calibration: tuple[CalibrationError, ...] = ()
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Return stiffness, damping, offset, the law, and the energy that a cycle takes."""
@@ -175,6 +179,7 @@ class BenchLaw(Result):
                 if simulation is None
                 else {name: getattr(simulation, name) for name in ("error_rms_m", "r2", "steps_per_sample", "tried")},
                 "gas": None if self.gas is None else asdict(self.gas),
+                "calibration": [asdict(each) for each in self.calibration],
                 "warnings": self.warnings,
                 "not_determined": self.not_determined,
                 "settings": self._collect_settings(),
@@ -193,6 +198,7 @@ class BenchLaw(Result):
             "moving_mass": bench.acceleration is not None,
             "mass_kg": bench.mass_kg,
             "piston_area_m2": bench.piston_area_m2,
+            **asdict(bench.tolerances),
             "velocity_band_hz": bench.velocity_band_hz,
             "travel_zero_m": bench.travel_zero_m,
             "candidates": self.candidates,
@@ -327,8 +333,10 @@ def _build_result(
         interval_cell_s=spread.cell_s,
         simulation=None if refined is None else _build_simulation(bench, refined, simulated),
         gas=gas_of_bench(fit, of_law, spread, bench.piston_area_m2),
+        calibration=spread.calibration,
     )
-    warnings = (*_list_warnings(result, fit), *spread.reasons)
+    of_calibration = () if result.memory.seen else warn_of_calibration(spread.calibration, settings.calibration)
+    warnings = (*_list_warnings(result, fit), *of_calibration, *spread.reasons)
     return replace(result, warnings=warnings, not_determined=_find_reason(result))
 
 

@@ -18,10 +18,39 @@ from opid.provenance import ReadFile
 from opid.signals.health.result import Finding
 from opid.signals.recording import FloatArray, Recording
 from opid.suspensions.bench.settings import DEFAULTS, RecordSettings
+from opid.suspensions.sensor_facts import USUAL_GAIN_TOLERANCE
 from opid.suspensions.study import area_faults
 
 _NEEDED = {"force": ("N", "N, kN or lbf"), "travel": ("m", "m, mm or in"), "velocity": ("m/s", "m/s, mm/s or in/s")}
 _ACCELERATION = ("m/s^2", "m/s^2 or g")
+
+
+@dataclass(frozen=True)
+class BenchTolerances:
+    """How well the channels of a test bench are calibrated, as standard deviations of what nobody knows exactly.
+
+    Args:
+        gain_tolerance: of the gains of force, travel and velocity, each as a fraction; 0 for exact ones.
+        lag_tolerance_s: of the time by which the force comes after the motion, s; None for the usual one, see
+            `CalibrationSettings`.
+        mass_tolerance_kg: of the mass of what moves between the force cell and the specimen, kg; None for the usual
+            one, likewise.
+
+    Raises:
+        InputError: a number that is negative, or a gain that is not below 1.
+    """
+
+    gain_tolerance: float = USUAL_GAIN_TOLERANCE
+    lag_tolerance_s: float | None = None
+    mass_tolerance_kg: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.gain_tolerance < 1:
+            raise InputError(f"gain_tolerance is {self.gain_tolerance}: give a fraction from 0 to below 1")
+        for name in ("lag_tolerance_s", "mass_tolerance_kg"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value < np.inf:
+                raise InputError(f"{name} is {value}: give 0 or more")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +75,7 @@ class Bench:
         mass_kg: mass of the body whose acceleration was measured in place of the force, see `bench_from_recording`;
             None if a force was measured.
         piston_area_m2: area that the gas of a strut pushes on; None if it is not known, or if no gas carries it.
+        tolerances: how well the channels are calibrated.
         log: the file that it was read from without a study file; None if it came otherwise.
         source: the study file; None if there is none.
         files: the files that it was read from.
@@ -65,6 +95,7 @@ class Bench:
     is_quasi_static: bool = False
     mass_kg: float | None = None
     piston_area_m2: float | None = None
+    tolerances: BenchTolerances = BenchTolerances()
     log: Path | None = None
     source: Path | None = None
     files: tuple[ReadFile, ...] = ()
@@ -151,12 +182,6 @@ def bench_from_recording(
     else:
         v, origin = recording.channel(velocity), f"recorded, {velocity!r}"
         warnings += _warn_of_rate(v, rate, travel, velocity, settings)
-    power = y - y.mean()
-    if np.mean(power * v) < -settings.driving_correlation * np.std(y) * np.std(v):
-        warnings.append(
-            f"the force feeds energy into the motion on average ({np.mean(power * v):.3g} W): for a passive part the "
-            "sign of force or travel is reversed"
-        )
     return Bench(
         travel=raw - zero,
         velocity=v,
@@ -408,13 +433,16 @@ class BenchStudy:
         most_terms: most terms of the law; None for the value of the settings.
         piston_area_m2: area that the gas of a strut pushes on, with which its pressure and volume are reported; None if
             it is not known, or if no gas carries it.
+        gain_tolerance: as in `BenchTolerances`, like the next two.
+        lag_tolerance_s: standard deviation of the time by which the force comes after the motion, s.
+        mass_tolerance_kg: standard deviation of the mass between force cell and specimen, kg.
         findings: findings of the health check of the log.
         source: the study file; None if there is none.
         log: the file that it was read from without a study file; None if it came otherwise.
 
     Raises:
-        InputError: an unknown kind, an invalid piston area, a quasi-static test with a velocity, a mass, a moving mass
-            or samples that do not count, or as for `bench_from_recording`.
+        InputError: an unknown kind, an invalid piston area or tolerance, a quasi-static test with a velocity, a mass, a
+            moving mass, a lag or samples that do not count, or as for `bench_from_recording`.
         NotDeterminedError: a travel or a force that never changes.
     """
 
@@ -430,6 +458,9 @@ class BenchStudy:
     candidates: Sequence[str] | None = None
     most_terms: int | None = None
     piston_area_m2: float | None = None
+    gain_tolerance: float = USUAL_GAIN_TOLERANCE
+    lag_tolerance_s: float | None = None
+    mass_tolerance_kg: float | None = None
     findings: tuple[Finding, ...] = ()
     source: Path | None = None
     log: Path | None = None
@@ -441,7 +472,11 @@ class BenchStudy:
             raise InputError(f"most_terms is {self.most_terms}: give 0 or more")
         for fault in area_faults(self.piston_area_m2):
             raise InputError(fault)
-        timed = [name for name in ("velocity", "mass_kg", "moving_mass", "counted") if getattr(self, name)]
+        timed = [
+            name
+            for name in ("velocity", "mass_kg", "moving_mass", "counted", "lag_tolerance_s", "mass_tolerance_kg")
+            if getattr(self, name)
+        ]
         if self.quasi_static and timed:
             raise InputError(
                 f"quasi_static beside {' and '.join(timed)}: a test without a time scale has none; leave it out"
@@ -468,6 +503,7 @@ class BenchStudy:
             found,
             warnings=(*found.warnings, *of_log),
             piston_area_m2=self.piston_area_m2,
+            tolerances=BenchTolerances(self.gain_tolerance, self.lag_tolerance_s, self.mass_tolerance_kg),
             source=self.source,
             log=self.log,
         )

@@ -101,6 +101,29 @@ class SimulationSettings:
     runaway: float = 1e6
 
 
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """What is believed of a bench whose study states no tolerance, and when a record contradicts it.
+
+    Args:
+        samples_of_lag: lag of the force, in samples, whose square is added to that of `USUAL_LAG_TOLERANCE_S`: a
+            recorder that reads its channels one after the other sets them up to a sample apart.
+        mass_per_force: mass between force cell and specimen over the largest force, kg/N: rod ends and adapters
+            weigh a hundredth of the force that they are made for.
+        least_seen: part of a lag or a mass that the law cannot imitate, as a fraction of its force, below which the
+            record says nothing of it.
+        told_sigma: standard deviations from zero at which a lag or a mass that the record shows is told: chance does
+            that once in 16,000 records.
+        told_of_tolerance: ... if it is also this multiple of its tolerance.
+    """
+
+    samples_of_lag: float = 0.5
+    mass_per_force: float = 1e-3
+    least_seen: float = 1e-6
+    told_sigma: float = 4.0
+    told_of_tolerance: float = 2.0
+
+
 def _search() -> SearchSettings:
     """Return the settings of the search on a bench, where fits take little time and only one channel has noise.
 
@@ -133,6 +156,7 @@ class BenchSettings:
         separable: ranges in which inner parameters are searched.
         memory: when a dependence on the past is significant.
         simulation: how a law of moving parts is refined.
+        calibration: what is believed of gains, lag and mass between force cell and specimen.
         gas: pressures at which struts are serviced; the settings of a carried weight are not used on a bench.
         n_search: number of samples in the search; the chosen law is fitted to all.
         steps_per_rms: the search follows memories in steps in which the rms velocity covers the rms travel divided by
@@ -162,6 +186,7 @@ class BenchSettings:
     separable: SeparableSettings = field(default_factory=SeparableSettings)
     memory: MemorySettings = field(default_factory=MemorySettings)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     gas: GasSettings = field(default_factory=GasSettings)
     n_search: int = 5000
     steps_per_rms: float = 30.0

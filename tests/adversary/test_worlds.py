@@ -1,0 +1,14 @@
+"""In no world of the table is an answer confidently wrong, and what the data can tell of the cause is said."""
+
+import pytest
+from bench_worlds import BENCH_WORLDS
+from worlds import judge, list_names
+
+WORLDS = [*BENCH_WORLDS]
+
+
+@pytest.mark.parametrize("world", WORLDS, ids=list_names(WORLDS))
+def test_no_answer_is_confidently_wrong(world):
+    verdict = judge(world, seed=0)
+    assert verdict.outcome != "wrong", verdict
+    assert world.must_say in verdict.said
