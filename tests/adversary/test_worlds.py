@@ -2,9 +2,10 @@
 
 import pytest
 from bench_worlds import BENCH_WORLDS
+from modal_worlds import MODAL_WORLDS
 from worlds import judge, list_names
 
-WORLDS = [*BENCH_WORLDS]
+WORLDS = [*BENCH_WORLDS, *MODAL_WORLDS]
 
 
 @pytest.mark.parametrize("world", WORLDS, ids=list_names(WORLDS))

@@ -1,0 +1,286 @@
+"""Worlds of the modal wing: sine beats (`opid modal`), free decays (`opid decay`) and resonance (`opid resonance`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from made_beats import C2, FOUR, K3, beats, softening
+from made_decays import SENSED_FS, SENSED_K3, SENSED_OMEGA, decay_at_sensors
+from made_resonance import C2 as HELD_C2, K3 as HELD_K3, held_study, with_force_turned, with_mode_unknown, with_samples
+from worlds import Answer, World
+
+from opid.estimate import Estimate
+from opid.mechanics.rig import FORCE
+from opid.modal.decay.free_decay import Decay, decay_of, free_decay
+from opid.modal.identification import identify_modes
+from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
+from opid.modal.resonance.identification import identify_resonance
+from opid.modal.study import ModalStudy, StudyTest
+
+Change = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+# ---- sine beats ---------------------------------------------------------------------------------------
+
+
+def change_tests(tests: Sequence[ModalTest], change: Change, rng: np.random.Generator, modes: LinearModes) -> list:
+    """Return tests whose samples, the force in the first column, are changed, read with these modes."""
+    found = []
+    for test in tests:
+        record = replace(test.recording, samples=change(test.recording.samples.copy(), rng))
+        found.append(modal_test(record, modes, name=test.name, force="force", drive_point="a"))
+    return found
+
+
+def beat_world(
+    fails: str,
+    change: Change = lambda samples, rng: samples,
+    *,
+    modes: LinearModes = FOUR,
+    drift: float = 0.0,
+    must_say: str = "",
+    is_searched: bool = False,
+) -> World:
+    """Return the world of a softening mode at 120 Hz of four.
+
+    Its tests are changed; `drift` is that of its frequency between the tests, as a fraction. The orders of the law are
+    named, or searched together with friction, joints and couplings, which takes half a minute.
+    """
+    orders = {} if is_searched else {"stiffness_order": 3, "damping_order": 3}
+
+    def ask(seed: int) -> Answer:
+        rng = np.random.default_rng([seed, 11])
+        tests = beats(softening(FOUR, 3), rng)
+        if drift:
+            moved = FOUR.frequency_hz * np.array([1.0, 1.0, 1.0 + drift, 1.0])
+            later = beats(softening(replace(FOUR, frequency_hz=moved), 3), rng)
+            tests = [*tests[:2], *later[2:]]
+        tests = change_tests(tests, change, rng, modes)
+        study = ModalStudy("beats", modes, (3,), tuple(StudyTest(each, "fit", 3) for each in tests), "a", **orders)
+        found = identify_modes(study)
+        fit = found.fits[0]
+        pairs = [("k3", fit.stiffness.get(3, Estimate()), K3), ("c2", fit.damping.get(2, Estimate()), C2)]
+        return Answer(tuple(pairs), found.warnings)
+
+    return World("modal", fails + ", law searched" * is_searched, ask, must_say)
+
+
+def scale(columns: slice | list[int], factor: float) -> Change:
+    """Return the change that multiplies columns; the force is the first one."""
+
+    def change(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        samples[:, columns] *= factor
+        return samples
+
+    return change
+
+
+def delay(columns: slice, n_samples: float) -> Change:
+    """Return the change that makes columns late by samples, also by parts of one."""
+
+    def change(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        spectrum = np.fft.rfft(samples[:, columns], axis=0)
+        turn = np.exp(-2j * np.pi * np.fft.rfftfreq(len(samples)) * n_samples)
+        samples[:, columns] = np.fft.irfft(spectrum * turn[:, None], len(samples), axis=0)
+        return samples
+
+    return change
+
+
+def exchange(one: int, other: int) -> Change:
+    """Return the change that exchanges two columns."""
+
+    def change(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        samples[:, [one, other]] = samples[:, [other, one]]
+        return samples
+
+    return change
+
+
+def clip(column: int, fraction: float) -> Change:
+    """Return the change that clips a column at a fraction of its largest value."""
+
+    def change(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        limit = fraction * np.abs(samples[:, column]).max()
+        samples[:, column] = np.clip(samples[:, column], -limit, limit)
+        return samples
+
+    return change
+
+
+def hum(fraction: float, hz: float) -> Change:
+    """Return the change that adds a steady line to all accelerations."""
+
+    def change(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        line = np.sin(2 * np.pi * hz * np.arange(len(samples)) / 2048.0 + rng.uniform(0, 6))
+        samples[:, 1:] += fraction * np.abs(samples[:, 1:]).max(axis=0) * line[:, None]
+        return samples
+
+    return change
+
+
+def renumber(modes: LinearModes, order: Sequence[int]) -> LinearModes:
+    """Return modes whose shapes are exchanged, while their frequencies stay."""
+    return replace(modes, shapes=modes.shapes[:, list(order)])
+
+
+def list_beat_worlds(*, is_searched: bool) -> list[World]:
+    """Return the worlds of sine beats, whose law is searched, or its orders are named."""
+    world = partial(beat_world, is_searched=is_searched)
+    return [
+        world("none"),
+        world("polarity of the force reversed", scale([0], -1.0), must_say="opposite signs"),
+        world("accelerations 2 % off", scale(slice(1, None), 1.02)),
+        world(
+            "accelerations 2 % off, as were those that showed the shapes",
+            scale(slice(1, None), 1.02),
+            modes=replace(FOUR, shapes=FOUR.shapes * 1.02**0.5),
+        ),
+        world("force 2 % off", scale([0], 0.98)),
+        world("accelerations a sample late", delay(slice(1, None), 1.0)),
+        world("force a sample late", delay(slice(0, 1), 1.0)),
+        world("two sensors exchanged", exchange(1, 3)),
+        world("shapes of two modes exchanged", modes=renumber(FOUR, (0, 1, 3, 2))),
+        world(
+            "a mode is missing in the shapes",
+            modes=replace(
+                FOUR,
+                frequency_hz=FOUR.frequency_hz[[0, 1, 2]],
+                damping_ratio=FOUR.damping_ratio[[0, 1, 2]],
+                shapes=FOUR.shapes[:, [0, 1, 2]],
+            ),
+        ),
+        world("force clipped at 70 %", clip(0, 0.7)),
+        world("a sensor clipped at 70 %", clip(1, 0.7), must_say="clipped"),
+        world("frequency 0.2 % lower in the later tests", drift=-0.002),
+        world("frequency 1 % lower in the later tests", drift=-0.01),
+        world("accelerations in g that are stated to be in m/s^2", scale(slice(1, None), 1 / 9.80665)),
+    ]
+
+
+BEAT_WORLDS, SEARCHED_BEAT_WORLDS = list_beat_worlds(is_searched=False), list_beat_worlds(is_searched=True)
+
+# ---- free decays ----------------------------------------------------------------------------------------
+
+
+def decay_world(fails: str, follow: Callable[[int], Decay], must_say: str = "") -> World:
+    """Return the world of the hardening mode at 40 Hz that `made_decays` solves."""
+
+    def ask(seed: int) -> Answer:
+        found = follow(seed)
+        pairs = [
+            ("k3", found.stiffness.get(3, Estimate()), SENSED_K3),
+            ("f0", found.frequency_low_hz, SENSED_OMEGA / (2 * np.pi)),
+            ("zeta", found.damping_low, 0.004),
+        ]
+        return Answer(tuple(pairs), found.warnings)
+
+    return World("decay", fails, ask, must_say)
+
+
+def ring(seed: int, change: Change = lambda samples, rng: samples, **made: float) -> Decay:
+    """Follow the first mode of a test whose samples are changed, by its shapes."""
+    rng = np.random.default_rng([seed, 13])
+    test, _ = decay_at_sensors(seed, **made)
+    record = replace(test.recording, samples=change(test.recording.samples.copy(), rng))
+    return decay_of(modal_test(record, test.modes, name="ring"), 1)
+
+
+def ring_alone(seed: int, change: Callable[[np.ndarray, np.random.Generator], np.ndarray]) -> Decay:
+    """Follow the decay of one signal, the modal acceleration of the first mode."""
+    rng = np.random.default_rng([seed, 17])
+    test, _ = decay_at_sensors(seed)
+    return free_decay(change(test.modal_acceleration(1), rng), fs=SENSED_FS, near_hz=40.0)
+
+
+def add_neighbour(signal: np.ndarray, rng: np.random.Generator, hz: float, fraction: float) -> np.ndarray:
+    """Return a signal with the decay of a linear mode near it."""
+    time = np.arange(signal.size - 400) / SENSED_FS
+    other = np.exp(-0.004 * 2 * np.pi * hz * time) * np.cos(2 * np.pi * hz * time + rng.uniform(0, 6))
+    return signal + fraction * np.abs(signal).max() * np.concatenate([np.zeros(400), other])
+
+
+DECAY_WORLDS = [
+    decay_world("none", ring),
+    decay_world("all sensors 2 % off", lambda seed: ring(seed, scale(slice(None), 1.02))),
+    decay_world("a signal alone, 2 % off", lambda seed: ring_alone(seed, lambda signal, rng: 1.02 * signal)),
+    decay_world("a sensor 30 % off", lambda seed: ring(seed, wrong_gain=1.3)),
+    decay_world("shapes 3 % off", lambda seed: ring(seed, n_sensors=10, shape_error=0.03)),
+    decay_world("two sensors exchanged", lambda seed: ring(seed, exchange(0, 1))),
+    decay_world("a sensor clipped at 60 %", lambda seed: ring(seed, clip(0, 0.6))),
+    decay_world(
+        "the signal clipped at 70 %",
+        lambda seed: ring_alone(
+            seed, lambda signal, rng: np.clip(signal, -0.7 * np.abs(signal).max(), 0.7 * np.abs(signal).max())
+        ),
+    ),
+    decay_world(
+        "a neighbour 1 % above beats with it",
+        lambda seed: ring_alone(seed, lambda signal, rng: add_neighbour(signal, rng, 40.4, 0.3)),
+    ),
+    decay_world(
+        "a neighbour 5 % above beats with it",
+        lambda seed: ring_alone(seed, lambda signal, rng: add_neighbour(signal, rng, 42.0, 0.3)),
+    ),
+    decay_world(
+        "hum at 50 Hz",
+        lambda seed: ring_alone(
+            seed,
+            lambda signal, rng: (
+                signal + 0.02 * np.abs(signal).max() * np.sin(2 * np.pi * 50.0 * np.arange(signal.size) / SENSED_FS)
+            ),
+        ),
+    ),
+]
+
+# ---- resonance ------------------------------------------------------------------------------------------
+
+
+def resonance_world(fails: str, change: Callable[[ModalStudy], ModalStudy], must_say: str = "", **made) -> World:
+    """Return the world of a force appropriation of the cubic mode of the virtual structure."""
+
+    def ask(seed: int) -> Answer:
+        found = identify_resonance(change(held_study(seed, **made)))
+        law = found.law
+        pairs = (
+            [("k3", law.stiffness.get(3, Estimate()), HELD_K3), ("c2", law.damping.get(2, Estimate()), HELD_C2)]
+            if law
+            else []
+        )
+        return Answer(tuple(pairs), found.warnings)
+
+    return World("resonance", fails, ask, must_say)
+
+
+def at_columns(change: Change, *, is_force: bool) -> Callable[[ModalStudy], ModalStudy]:
+    """Return the change of a study by a change of its force or of all accelerations."""
+
+    def apply(study: ModalStudy) -> ModalStudy:
+        def of_samples(samples: np.ndarray, record: object) -> np.ndarray:
+            force = record.index(FORCE)  # type: ignore[attr-defined]
+            others = [k for k in range(samples.shape[1]) if k != force]
+            chosen = [force] if is_force else others
+            samples[:, chosen] = change(samples[:, chosen].copy(), np.random.default_rng(0))
+            return samples
+
+        return with_samples(study, of_samples)
+
+    return apply
+
+
+RESONANCE_WORLDS = [
+    resonance_world("none", lambda study: study),
+    resonance_world("polarity of the force reversed", at_columns(scale([0], -1.0), is_force=True)),
+    resonance_world("accelerations 2 % off", at_columns(scale(slice(None), 1.02), is_force=False)),
+    resonance_world("force 2 % off", at_columns(scale([0], 1.02), is_force=True)),
+    resonance_world("force turned by 5 degrees", lambda study: with_force_turned(study, 5.0)),
+    resonance_world("accelerations a sample late", at_columns(delay(slice(None), 1.0), is_force=False)),
+    resonance_world("the loop is 5 degrees off", lambda study: study, phase_error_deg=-5.0),
+    resonance_world("a neighbour is not among the shapes", with_mode_unknown),
+    resonance_world("a sensor clipped at 70 %", at_columns(clip(0, 0.7), is_force=False)),
+    resonance_world("force clipped at 80 %", at_columns(clip(0, 0.8), is_force=True)),
+]
+
+MODAL_WORLDS = [*BEAT_WORLDS, *DECAY_WORLDS, *RESONANCE_WORLDS]
