@@ -23,7 +23,7 @@ from opid.errors import NotDeterminedError
 from opid.mechanics.laws.law import LAWS, Law, Term
 from opid.mechanics.memory import force_along
 from opid.suspensions.bench.law import BenchLaw, law_of_bench
-from opid.suspensions.bench.record import Bench
+from opid.suspensions.bench.record import Bench, BenchTolerances
 
 FS = 500.0
 STIFFNESS, DAMPING, OFFSET = 2e5, 2e3, 12.0
@@ -131,7 +131,8 @@ def record_of(kinds: tuple[str, ...], motion: str, seed: int, n: int, noise: flo
     force = OFFSET + STIFFNESS * z + DAMPING * v + force_along(law, z, v, FS)
     force = force + noise * force.std() * rng.standard_normal(n)
     channels: dict[str, str | None] = {"force": "F", "travel": "z", "velocity": "v"}
-    return Bench(z, v, force, FS, 0.0, "recorded", None, channels, ()), law
+    exact = BenchTolerances(0.0, 0.0, 0.0)
+    return Bench(z, v, force, FS, 0.0, "recorded", None, channels, (), tolerances=exact), law
 
 
 def row_of(kinds: tuple[str, ...], motion: str, seed: int, n: int, noise: float) -> Row:

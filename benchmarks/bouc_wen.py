@@ -9,6 +9,7 @@ the law over all kinds beside the unknown moving mass, and refines it by the mot
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from opid.mechanics.response import time_response
 from opid.mechanics.structure import Joint, Structure
 from opid.signals.recording import Channel, Recording
 from opid.suspensions.bench.law import BenchLaw, law_of_bench
-from opid.suspensions.bench.record import bench_from_recording
+from opid.suspensions.bench.record import BenchTolerances, bench_from_recording
 from opid.suspensions.bench.simulation import MovingPart
 
 FS = 750.0
@@ -38,6 +39,7 @@ def identified(records: dict[str, np.ndarray], candidates: tuple[str, ...] | Non
     samples = np.stack([records["u_train"], records["y_train"]], axis=1)
     record = Recording(samples, fs=FS, channels=(Channel("u", "N"), Channel("y", "m")))
     bench = bench_from_recording(record, force="u", travel="y", moving_mass=True)
+    bench = replace(bench, tolerances=BenchTolerances(0.0, 0.0, 0.0))  # the records were simulated
     return law_of_bench(bench, title="Bouc-Wen benchmark", candidates=candidates)
 
 

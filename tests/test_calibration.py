@@ -1,0 +1,209 @@
+"""Calibration is an uncertainty of modal tests and of test benches: by closed forms, and by fits to changed records."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cli_runs import opid, refused
+from made_beats import FOUR, beats, softening
+from made_decays import decay_at_sensors
+from made_resonance import held_study
+from scipy import signal
+from scipy.interpolate import make_interp_spline
+
+from opid.errors import InputError
+from opid.modal.decay.free_decay import decay_of, free_decay
+from opid.modal.identification import identify_modes
+from opid.modal.linear.modes import modal_test
+from opid.modal.resonance.identification import identify_resonance
+from opid.modal.study import ModalStudy, StudyTest
+from opid.studies.study_file import read_study, write_study
+from opid.suspensions.bench.law import law_of_bench
+from opid.suspensions.bench.record import Bench, BenchTolerances
+
+# ---- the modal wing -----------------------------------------------------------------------------------
+
+
+def beat_study(gain_tolerance):
+    tests = beats(softening(FOUR, 3), np.random.default_rng(0))
+    used = tuple(StudyTest(each, "fit", 3) for each in tests)
+    return ModalStudy("beats", FOUR, (3,), used, "a", stiffness_order=3, damping_order=3, gain_tolerance=gain_tolerance)
+
+
+def test_beats_hold_the_gain_that_force_and_motion_have_in_common():
+    exact, loose = (identify_modes(beat_study(tolerance)).fits[0] for tolerance in (0.0, 0.1))
+    for own, wide in ((exact.stiffness, loose.stiffness), (exact.damping, loose.damping)):
+        for power, estimate in own.items():
+            by_gain = np.sqrt(wide[power].std ** 2 - estimate.std**2)
+            assert by_gain == pytest.approx((power - 1) * 0.1 / np.sqrt(2) * abs(estimate.value), rel=1e-6)
+
+
+def test_the_common_gain_moves_a_coefficient_as_the_interval_says():
+    """A shape of the same sensors: motion and force s times too large give s^(1 - n) times the coefficient."""
+    s, tests = 1.05, beats(softening(FOUR, 3), np.random.default_rng(0))
+    changed = []
+    for test in tests:
+        modes = replace(FOUR, shapes=FOUR.shapes * s)
+        samples = test.recording.samples.copy()
+        samples[:, 1:] *= s**2  # sqrt(accelerations / force) scales the shapes
+        record = replace(test.recording, samples=samples)
+        again = modal_test(record, modes, name=test.name, force="force", drive_point="a")
+        changed.append(StudyTest(again, "fit", 3))
+    given = beat_study(0.0)
+    fits = [identify_modes(study).fits[0] for study in (given, replace(given, modes=modes, tests=tuple(changed)))]
+    assert fits[1].modal_mass.value == pytest.approx(fits[0].modal_mass.value, abs=1e-6)  # nothing shows it
+    assert fits[1].stiffness[3].value / fits[0].stiffness[3].value == pytest.approx(s**-2, rel=1e-4)
+    assert fits[1].damping[2].value / fits[0].damping[2].value == pytest.approx(s**-1, rel=1e-3)
+
+
+def test_a_decay_holds_a_gain_that_all_sensors_have_in_common():
+    test, _ = decay_at_sensors(0)
+    options = {"stiffness_order": 3, "damping_order": 1}
+    exact, loose = (decay_of(test, 1, **options, gain_tolerance=tolerance) for tolerance in (0.0, 0.05))
+    by_gain = np.sqrt(loose.stiffness[3].std ** 2 - exact.stiffness[3].std ** 2)
+    assert by_gain == pytest.approx(2 * 0.05 * loose.stiffness[3].value, rel=0.02)
+    assert loose.stiffness[1].std == pytest.approx(exact.stiffness[1].std)
+    usual = free_decay(test.modal_acceleration(1), fs=test.fs, near_hz=40.0, **options)
+    assert usual.gain_std == 0.015
+
+
+def test_resonance_takes_the_tolerance_of_its_study():
+    study = held_study(0)
+    laws = [identify_resonance(replace(study, gain_tolerance=tolerance)).law for tolerance in (0.0, 0.05)]
+    assert laws[1].stiffness[3].std > 0.09 * abs(laws[1].stiffness[3].value) > 5 * laws[0].stiffness[3].std
+    assert identify_resonance(study).to_dict()["settings"]["gain_tolerance"] == 0.015
+
+
+@pytest.mark.parametrize("tolerance", [-0.01, 1.0, float("nan")])
+def test_a_tolerance_is_a_fraction(tolerance):
+    with pytest.raises(InputError, match=r"gain_tolerance is .* give a fraction from 0 to below 1"):
+        beat_study(tolerance)
+
+
+def test_the_tolerance_stands_in_study_files_and_on_the_command_line(tmp_path):
+    test, _ = decay_at_sensors(0)
+    study = ModalStudy("ring", test.modes, (1,), (StudyTest(test, "decay", 1),), gain_tolerance=0.07)
+    write_study(study, tmp_path / "study.toml")
+    assert read_study(tmp_path / "study.toml").gain_tolerance == 0.07
+    log, words = tmp_path / "ring.csv", ("--study", tmp_path / "study.toml", "--mode", "1")
+    for more, found in (((), "0.07"), (("--gain-tolerance", "0.02"), "0.02")):
+        out = tmp_path / f"out {found}"
+        assert opid("decay", log, *words, *more, "--out", out).exit_code == 0
+        assert f'"gain_std": {found}' in (out / "result.json").read_text(encoding="utf-8")
+
+
+# ---- test benches ---------------------------------------------------------------------------------------
+
+FS, N = 500.0, 4000
+EXACT = BenchTolerances(0.0, 0.0, 0.0)
+
+
+def bench_of(*, hz=None, mass_kg=0.0, lag_s=0.0, friction_n=0.0, seed=0, recorded_velocity=False):
+    """A spring of 20 kN/m with a damper of 150 N s/m, a cubic part and maybe friction, moved by a sine or by noise."""
+    rng, time = np.random.default_rng(seed), np.arange(N) / FS
+    if hz is None:
+        band = signal.butter(4, (0.5, 12.0), "band", fs=FS, output="sos")
+        travel = signal.sosfiltfilt(band, rng.standard_normal(N + 2000))[1000:-1000]
+        travel *= 0.005 / travel.std()
+    else:
+        travel = np.linspace(0.002, 0.01, N) * np.sin(2 * np.pi * hz * time)
+    path = make_interp_spline(time, travel, 5)
+    z, v, a = path(time), path(time, 1), path(time, 2)
+    force = 2e4 * z + 150.0 * v + 4e7 * z**3 + friction_n * 2 / np.pi * np.arctan(v / 0.02) + mass_kg * a
+    if lag_s:
+        force = make_interp_spline(time, force, 5)(np.clip(time - lag_s, 0.0, None))
+    force = force + 0.5 * rng.standard_normal(N)
+    names = {"force": "F", "travel": "z", "velocity": "v" if recorded_velocity else None}
+    return Bench(z, v, force, FS, 0.0, "made", None, names, (), tolerances=EXACT)
+
+
+def law_with(bench, **tolerances):
+    found = replace(bench, tolerances=replace(EXACT, **tolerances))
+    return law_of_bench(found, candidates=("cubic_stiffness", "coulomb_friction"))
+
+
+def values_of(found):
+    law = [each for terms in found.law_estimates.values() for each in terms.values()]
+    return [found.parameters.stiffness_n_per_m, found.parameters.damping_n_s_per_m, *law]
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+@pytest.mark.parametrize("gains", [(1.05, 1.0, 1.0), (1.0, 1.05, 1.0), (1.0, 1.0, 1.05)])
+def test_gains_move_the_parameters_of_a_bench_as_their_units_say(gains, recorded):
+    """The same record in other units is fitted to other values: the power of each gain stands in the unit."""
+    if not recorded and gains[1] != gains[2]:
+        gains = (1.0, 1.05, 1.05)  # a velocity that was differentiated has the gain of the travel
+    bench = bench_of(recorded_velocity=recorded, friction_n=30.0)
+    of_force, of_travel, of_velocity = gains
+    scaled = replace(
+        bench, force=of_force * bench.force, travel=of_travel * bench.travel, velocity=of_velocity * bench.velocity
+    )
+    exact, moved, loose = law_with(bench), law_with(scaled), law_with(bench, gain_tolerance=0.05)
+    assert moved.law.name == exact.law.name
+    for before, after, wide in zip(values_of(exact), values_of(moved), values_of(loose), strict=True):
+        change = abs(after.value / before.value - 1.0)
+        by_gains = np.sqrt(wide.std**2 - before.std**2) / abs(before.value)
+        assert change < 1.2 * by_gains + 1e-3  # one of the gains, all of which the interval holds
+
+
+def test_a_mass_that_a_sine_cannot_tell_is_held_as_it_is_believed():
+    omega = 2 * np.pi * 3.0
+    found = law_with(bench_of(hz=3.0), mass_tolerance_kg=2.0)
+    exact = law_with(bench_of(hz=3.0))
+    by_mass = np.sqrt(found.parameters.stiffness_n_per_m.std**2 - exact.parameters.stiffness_n_per_m.std**2)
+    (mass,) = (each for each in found.calibration if each.name == "mass")
+    assert by_mass == pytest.approx(np.hypot(mass.found.value, mass.found.std) * omega**2, rel=0.1)
+    assert 0.2 * mass.tolerance < mass.found.std < mass.tolerance  # its growing amplitude says a little
+
+
+def test_a_mass_that_noise_tells_is_found_whatever_was_believed():
+    found = law_with(bench_of(mass_kg=0.3), mass_tolerance_kg=1.0)
+    (mass,) = (each for each in found.calibration if each.name == "mass")
+    assert mass.found.value == pytest.approx(0.3, abs=max(3 * mass.found.std, 0.02))
+    assert mass.found.std < 0.05
+    assert found.parameters.stiffness_n_per_m.holds(2e4)
+    assert not law_with(bench_of(mass_kg=0.3)).parameters.stiffness_n_per_m.holds(2e4)
+
+
+def test_a_lag_is_found_and_moves_the_damping_by_stiffness_times_lag():
+    lag_s = 5e-4
+    found, exact = law_with(bench_of(lag_s=lag_s), lag_tolerance_s=1e-3), law_with(bench_of(lag_s=lag_s))
+    (lag,) = (each for each in found.calibration if each.name == "lag")
+    assert lag.found.value == pytest.approx(lag_s, rel=0.1)
+    assert found.parameters.damping_n_s_per_m.holds(150.0)
+    assert not exact.parameters.damping_n_s_per_m.holds(150.0)
+    assert exact.parameters.damping_n_s_per_m.value == pytest.approx(150.0 - 2e4 * lag_s, rel=0.06)
+
+
+def test_a_lag_far_beyond_its_tolerance_is_told():
+    found = law_with(bench_of(lag_s=2e-3), lag_tolerance_s=2e-4)
+    assert any("the force comes 0.002 s after the motion" in each for each in found.warnings)
+
+
+def test_a_force_that_drives_the_motion_has_no_interval():
+    bench = bench_of()
+    found = law_of_bench(replace(bench, force=-bench.force), candidates=("cubic_stiffness",))
+    assert found.parameters.stiffness_n_per_m.interval95 is None
+    assert any("reverse the sign of force or travel" in each for each in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("gain_tolerance", -0.1), ("gain_tolerance", 1.0), ("lag_tolerance_s", -1.0), ("mass_tolerance_kg", np.inf)],
+)
+def test_tolerances_of_a_bench_that_are_none_are_refused(name, value):
+    with pytest.raises(InputError, match=f"{name} is {value}"):
+        BenchTolerances(**{name: value})
+
+
+def test_tolerances_stand_in_the_command_that_repeats_a_bench(tmp_path):
+    bench = bench_of(hz=3.0)
+    rows = np.column_stack([np.arange(N) / FS, bench.force, bench.travel])
+    log = tmp_path / "bench.csv"
+    np.savetxt(log, rows, delimiter=",", header="time [s],F [N],z [m]", comments="")
+    words = ("law", log, "--force-channel", "F", "--travel-channel", "z", "--out", tmp_path / "out")
+    done = opid(*words, "--lag-tolerance", "0.001", "--mass-tolerance", "0.5", "--gain-tolerance", "0.02")
+    assert done.exit_code == 0
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "--gain-tolerance 0.02 --lag-tolerance 0.001 --mass-tolerance 0.5" in page
+    refused(opid(*words, "--lag-tolerance", "-1"), "--lag-tolerance")
