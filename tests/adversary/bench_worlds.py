@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from judged_worlds import Answer, World
 from scipy import signal
 from scipy.interpolate import make_interp_spline
-from worlds import Answer, World
 
 from opid.estimate import Estimate
 from opid.signals.recording import Channel, Recording

@@ -7,10 +7,10 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from judged_worlds import Answer, World
 from made_beats import C2, FOUR, K3, beats, softening
 from made_decays import SENSED_FS, SENSED_K3, SENSED_OMEGA, decay_at_sensors
 from made_resonance import C2 as HELD_C2, K3 as HELD_K3, held_study, with_force_turned, with_mode_unknown, with_samples
-from worlds import Answer, World
 
 from opid.estimate import Estimate
 from opid.mechanics.rig import FORCE

@@ -2,8 +2,8 @@
 
 import pytest
 from bench_worlds import BENCH_WORLDS
+from judged_worlds import judge, list_names
 from modal_worlds import MODAL_WORLDS
-from worlds import judge, list_names
 
 WORLDS = [*BENCH_WORLDS, *MODAL_WORLDS]
 
