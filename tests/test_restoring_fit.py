@@ -349,9 +349,9 @@ def test_orders_that_are_too_low_widen_the_bands(stiffness, damping):
 
 
 def test_sound_tests_keep_narrow_intervals():
-    """In 10 seeds with noise of 1 %."""
+    """In 10 seeds with noise of 1 % and sensors without an error of calibration."""
     for seed in range(10):
-        fit = fit_mode(sound(np.random.default_rng(seed)), 3, **ORDERS)
+        fit = fit_mode(sound(np.random.default_rng(seed)), 3, **ORDERS, gain_tolerance=0.0)
         assert fit.stiffness[3].std < 1e-3 * abs(K3)
         assert fit.damping[2].std < 3e-3 * C2
         assert abs(fit.stiffness[3].value - K3) < 4 * fit.stiffness[3].std
