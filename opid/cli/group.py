@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -29,8 +30,20 @@ if TYPE_CHECKING:
     from opid.signals.files import ReservedDirectory
 
 
-PATH = click.Path(path_type=Path)
+class _Path(click.Path):
+    """A path, which has no zero byte."""
 
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the text as a path."""
+        if "\0" in str(value):
+            self.fail(f"{str(value)!r} holds a zero byte: give a path without one", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = _Path(path_type=Path)
+
+_OF_CLICK = (click.ClickException, click.exceptions.Exit, click.Abort)
+_LONGEST_REASON = 200
 _PAUSE_S = 0.01  # before a signal is sent once more: what was destroyed is gone by then
 
 
@@ -117,6 +130,22 @@ class NotDetermined(click.ClickException):
     exit_code = 1
 
 
+class Unexpected(click.ClickException):
+    """opid itself is at fault: its message says where, and how to report it."""
+
+    exit_code = 70  # as sysexits.h has it
+
+    def __init__(self, error: Exception) -> None:
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [each for each in frames if Path(each.filename).is_relative_to(Path(__file__).parents[1])]
+        where = f" in {Path(own[-1].filename).name}, line {own[-1].lineno}" if own else ""
+        said = " ".join(str(error).split())[:_LONGEST_REASON]
+        super().__init__(
+            f"opid itself failed{where} ({type(error).__name__}{': ' if said else ''}{said}): this is no answer; report "
+            "this line and the command to the authors of opid, if you can with the files; --verbose prints more"
+        )
+
+
 class Interrupted(click.ClickException):
     """The user pressed Ctrl-C."""
 
@@ -201,6 +230,10 @@ class Commands(click.Group):
             raise Interrupted("interrupted") from error
         except _EndedError as error:
             raise Ended("ended by a signal of the system") from error
+        except _OF_CLICK:
+            raise
+        except Exception as error:
+            raise Unexpected(error) from error
 
 
 @click.group(
@@ -471,6 +504,11 @@ def steps() -> Iterator[Say]:
     logger.setLevel(logging.DEBUG)
     try:
         yield say
+    except (InputError, NotDeterminedError, OSError, MemoryError, *_OF_CLICK):
+        raise
+    except Exception:
+        click.echo(traceback.format_exc(), err=True)
+        raise
     finally:
         logger.removeHandler(shown)
         logger.setLevel(before)

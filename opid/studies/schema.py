@@ -13,6 +13,7 @@ at the first fault, and cattrs needs a hook for each plain type.
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 import types
@@ -27,6 +28,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import tomli_w
 
 from opid.errors import InputError, meant_by, nearest
+from opid.provenance import read_content
 from opid.signals.files import nearest_beside
 
 Document = dict[str, Any]
@@ -70,9 +72,11 @@ def load(source: Path) -> Document:
     if not source.is_file():
         raise InputError(f"there is no study file {source}{nearest_beside(source, ('.toml',))}")
     try:
-        return tomllib.loads(source.read_bytes().decode("utf-8-sig"))
+        return tomllib.loads(read_content(source).decode("utf-8-sig"))
     except OSError as error:
         raise InputError(f"cannot read {source}: {error.strerror}") from error
+    except InputError as error:
+        raise InputError(f"cannot read {source}: {error}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{source} is not UTF-8 text: a study is a TOML file") from error
     except (ValueError, RecursionError) as error:  # an integer of thousands of digits is a ValueError, too
@@ -176,7 +180,7 @@ def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
                     unfit = str(error)
     is_whole = type(value) is int and -(2**63) <= value < 2**63  # These are the integers of TOML.
     if kind in (int, float):
-        is_fit = is_whole or (kind is float and type(value) is float)
+        is_fit = is_whole or (kind is float and type(value) is float and math.isfinite(value))
     else:
         is_fit = type(value) is kind if origin is not Literal else value in within
     if is_fit:

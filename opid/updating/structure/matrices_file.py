@@ -256,9 +256,10 @@ def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
         try:
             matrix = sparse.csr_matrix((data, indices, indptr), shape=(size, size))
             matrix.check_format(full_check=True)
-        except ValueError as error:
+        except (ValueError, TypeError, OverflowError) as error:
+            reason = " ".join(str(error).split())
             raise InputError(
-                f"{path}: the arrays of {name!r} do not make a sparse matrix ({error}): store it again"
+                f"{path}: the arrays of {name!r} do not make a sparse matrix ({reason}): store it again"
             ) from None
         found[name] = matrix
     return found
