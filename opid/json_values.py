@@ -13,6 +13,9 @@ import numpy as np
 
 from opid.provenance import read_content
 
+LARGEST = 1e100
+"""Size of a number beyond which it is a slip, and its square would soon overflow."""
+
 _MOST_DIGITS = 18
 """Digits of a whole number: 64 bits hold as many."""
 
@@ -88,6 +91,8 @@ def _read_int(text: str) -> int:
 def _read_float(text: str) -> float:
     if not math.isfinite(value := float(text)):
         raise ValueError(f"it holds {text[:20]}, and JSON has no number without an end")
+    if abs(value) > LARGEST:
+        raise ValueError(f"it holds {text[:20]}, and no result has a number beyond {LARGEST:g}")
     return value
 
 

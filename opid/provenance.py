@@ -47,7 +47,7 @@ def read_content(path: Path) -> bytes:
         path: of the file.
 
     Raises:
-        InputError: it is a directory, a pipe or a device, or too large to be read whole; the path is not in the message.
+        InputError: it is a directory, a pipe or a device, or too large to be read whole; the path is not in the words.
         OSError: it cannot be read.
     """
     if "\0" in str(path):

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.errors import InputError, NotDeterminedError
+from opid.errors import InputError, NotDeterminedError, list_names
 from opid.progress import Say, Step
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class _Path(click.Path):
 PATH = _Path(path_type=Path)
 
 _OF_CLICK = (click.ClickException, click.exceptions.Exit, click.Abort)
-_LONGEST_REASON = 200
+_LONGEST_WORD, _LONGEST_LINE, _LONGEST_REASON = 300, 1500, 200
 _PAUSE_S = 0.01  # before a signal is sent once more: what was destroyed is gone by then
 
 
@@ -118,19 +118,40 @@ class OfWords(click.Choice[str]):
         return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
 
 
-class BadInput(click.ClickException):
+def as_line(text: str) -> str:
+    """Return a sentence as one line that any terminal shows: a name in it may hold anything, at any length.
+
+    >>> as_line("there is no file a\x1b[31m\nb")
+    'there is no file a\\x1b[31m b'
+    """
+    words = (word if word.isprintable() else word.encode("unicode_escape").decode() for word in text.split())
+    return _shorten(" ".join(_shorten(word, _LONGEST_WORD) for word in words), _LONGEST_LINE)
+
+
+def _shorten(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most // 2]}...{text[-most // 2 :]}"
+
+
+class _Sentence(click.ClickException):
+    """A reason why a command ends, as one line that any terminal shows."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(as_line(message))
+
+
+class BadInput(_Sentence):
     """The input cannot be used."""
 
     exit_code = 2
 
 
-class NotDetermined(click.ClickException):
+class NotDetermined(_Sentence):
     """The data do not determine the answer."""
 
     exit_code = 1
 
 
-class Unexpected(click.ClickException):
+class Unexpected(_Sentence):
     """opid itself is at fault: its message says where, and how to report it."""
 
     exit_code = 70  # as sysexits.h has it
@@ -141,8 +162,8 @@ class Unexpected(click.ClickException):
         where = f" in {Path(own[-1].filename).name}, line {own[-1].lineno}" if own else ""
         said = " ".join(str(error).split())[:_LONGEST_REASON]
         super().__init__(
-            f"opid itself failed{where} ({type(error).__name__}{': ' if said else ''}{said}): this is no answer; report "
-            "this line and the command to the authors of opid, if you can with the files; --verbose prints more"
+            f"opid itself failed{where} ({type(error).__name__}{': ' if said else ''}{said}), and there is no answer: "
+            "report this line and the command to the authors of opid, with the files if you can; --verbose prints more"
         )
 
 
@@ -230,7 +251,10 @@ class Commands(click.Group):
             raise Interrupted("interrupted") from error
         except _EndedError as error:
             raise Ended("ended by a signal of the system") from error
-        except _OF_CLICK:
+        except click.ClickException as error:
+            error.message = as_line(error.message)  # type: ignore[misc]
+            raise
+        except (click.exceptions.Exit, click.Abort):
             raise
         except Exception as error:
             raise Unexpected(error) from error
@@ -264,7 +288,7 @@ def main() -> None:
 
 def result_name(path: Path) -> str:
     """Return the name of a result: that of its study file, or that of its directory if the file is study.toml."""
-    return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
+    return path.stem if path.name != "study.toml" else Path(os.path.realpath(path)).parent.name or path.stem
 
 
 REPORT = ("result.json", "report.html")
@@ -379,6 +403,16 @@ class Output:
     def progress(self) -> AbstractContextManager[Say]:
         """Show the step that is under way, every step with --verbose, none with --quiet."""
         return steps() if self.verbose else progress(quiet=self.quiet)
+
+    @contextmanager
+    def name_files(self, *paths: Path) -> Iterator[None]:
+        """Put the files that a command reads before the reason why they cannot be used, if it names no file."""
+        try:
+            yield
+        except InputError as error:
+            if any(str(path) in str(error) for path in (*paths, self.out or paths[0])):
+                raise
+            raise InputError(f"{list_names(paths)}: {error}") from error
 
     def write(
         self,

@@ -78,7 +78,7 @@ def update(study: Path, truth: Path | None, chains: bool, output: Output, **sett
     if chains:
         require_arviz()
     given = {name: value for name, value in settings.items() if value is not None}
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(study):
         tests = replace(read_study(study, kind=UpdatingStudy, progress=say), **given)
         if known is not None:
             _require_joints(tests, known, truth)

@@ -13,7 +13,6 @@ at the first fault, and cattrs needs a hook for each plain type.
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
 import types
@@ -30,6 +29,7 @@ import tomli_w
 from opid.errors import InputError, meant_by, nearest
 from opid.provenance import read_content
 from opid.signals.files import nearest_beside
+from opid.signals.recording import LARGEST_SIZE, LEAST_SIZE
 
 Document = dict[str, Any]
 T = TypeVar("T")
@@ -179,8 +179,9 @@ def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
                 if isinstance(error, _UnfitItemError):  # It says more than that the whole is unfit.
                     unfit = str(error)
     is_whole = type(value) is int and -(2**63) <= value < 2**63  # These are the integers of TOML.
+    is_real = type(value) is float and (value == 0 or LEAST_SIZE <= abs(value) <= LARGEST_SIZE)
     if kind in (int, float):
-        is_fit = is_whole or (kind is float and type(value) is float and math.isfinite(value))
+        is_fit = is_whole or (kind is float and is_real)
     else:
         is_fit = type(value) is kind if origin is not Literal else value in within
     if is_fit:
