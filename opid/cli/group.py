@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.errors import InputError, NotDeterminedError
+from opid.errors import InputError, NotDeterminedError, list_names
 from opid.progress import Say, Step
 
 if TYPE_CHECKING:
@@ -29,8 +30,20 @@ if TYPE_CHECKING:
     from opid.signals.files import ReservedDirectory
 
 
-PATH = click.Path(path_type=Path)
+class _Path(click.Path):
+    """A path, which has no zero byte."""
 
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the text as a path."""
+        if "\0" in str(value):
+            self.fail(f"{str(value)!r} holds a zero byte: give a path without one", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = _Path(path_type=Path)
+
+_OF_CLICK = (click.ClickException, click.exceptions.Exit, click.Abort)
+_LONGEST_WORD, _LONGEST_LINE, _LONGEST_REASON = 300, 1500, 200
 _PAUSE_S = 0.01  # before a signal is sent once more: what was destroyed is gone by then
 
 
@@ -105,16 +118,53 @@ class OfWords(click.Choice[str]):
         return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
 
 
-class BadInput(click.ClickException):
+def as_line(text: str) -> str:
+    """Return a sentence as one line that any terminal shows: a name in it may hold anything, at any length.
+
+    >>> as_line("there is no file a\x1b[31m\nb")
+    'there is no file a\\x1b[31m b'
+    """
+    words = (word if word.isprintable() else word.encode("unicode_escape").decode() for word in text.split())
+    return _shorten(" ".join(_shorten(word, _LONGEST_WORD) for word in words), _LONGEST_LINE)
+
+
+def _shorten(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most // 2]}...{text[-most // 2 :]}"
+
+
+class _Sentence(click.ClickException):
+    """A reason why a command ends, as one line that any terminal shows."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(as_line(message))
+
+
+class BadInput(_Sentence):
     """The input cannot be used."""
 
     exit_code = 2
 
 
-class NotDetermined(click.ClickException):
+class NotDetermined(_Sentence):
     """The data do not determine the answer."""
 
     exit_code = 1
+
+
+class Unexpected(_Sentence):
+    """opid itself is at fault: its message says where, and how to report it."""
+
+    exit_code = 70  # as sysexits.h has it
+
+    def __init__(self, error: Exception) -> None:
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [each for each in frames if Path(each.filename).is_relative_to(Path(__file__).parents[1])]
+        where = f" in {Path(own[-1].filename).name}, line {own[-1].lineno}" if own else ""
+        said = " ".join(str(error).split())[:_LONGEST_REASON]
+        super().__init__(
+            f"opid itself failed{where} ({type(error).__name__}{': ' if said else ''}{said}), and there is no answer: "
+            "report this line and the command to the authors of opid, with the files if you can; --verbose prints more"
+        )
 
 
 class Interrupted(click.ClickException):
@@ -201,6 +251,13 @@ class Commands(click.Group):
             raise Interrupted("interrupted") from error
         except _EndedError as error:
             raise Ended("ended by a signal of the system") from error
+        except click.ClickException as error:
+            error.message = as_line(error.message)  # type: ignore[misc]
+            raise
+        except (click.exceptions.Exit, click.Abort):
+            raise
+        except Exception as error:
+            raise Unexpected(error) from error
 
 
 @click.group(
@@ -231,7 +288,7 @@ def main() -> None:
 
 def result_name(path: Path) -> str:
     """Return the name of a result: that of its study file, or that of its directory if the file is study.toml."""
-    return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
+    return path.stem if path.name != "study.toml" else Path(os.path.realpath(path)).parent.name or path.stem
 
 
 REPORT = ("result.json", "report.html")
@@ -346,6 +403,16 @@ class Output:
     def progress(self) -> AbstractContextManager[Say]:
         """Show the step that is under way, every step with --verbose, none with --quiet."""
         return steps() if self.verbose else progress(quiet=self.quiet)
+
+    @contextmanager
+    def name_files(self, *paths: Path) -> Iterator[None]:
+        """Put the files that a command reads before the reason why they cannot be used, if it names no file."""
+        try:
+            yield
+        except InputError as error:
+            if any(str(path) in str(error) for path in (*paths, self.out or paths[0])):
+                raise
+            raise InputError(f"{list_names(paths)}: {error}") from error
 
     def write(
         self,
@@ -471,6 +538,11 @@ def steps() -> Iterator[Say]:
     logger.setLevel(logging.DEBUG)
     try:
         yield say
+    except (InputError, NotDeterminedError, OSError, MemoryError, *_OF_CLICK):
+        raise
+    except Exception:
+        click.echo(traceback.format_exc(), err=True)
+        raise
     finally:
         logger.removeHandler(shown)
         logger.setLevel(before)

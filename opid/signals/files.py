@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 from opid.errors import InputError
+from opid.provenance import read_content
 
 PATIENCE_S = 10.0
 """How long one that has done its work waits for another that writes to the same place, which takes milliseconds."""
@@ -57,7 +58,7 @@ def read_table_text(path: Path, header: str) -> tuple[str, str]:
         OSError: the file cannot be read.
     """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_content(path).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError("it is not UTF-8 text: save it as CSV in UTF-8") from None
     lines = (line for line in text.splitlines() if line.strip())

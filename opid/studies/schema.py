@@ -27,7 +27,9 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import tomli_w
 
 from opid.errors import InputError, meant_by, nearest
+from opid.provenance import read_content
 from opid.signals.files import nearest_beside
+from opid.signals.recording import LARGEST_SIZE, LEAST_SIZE
 
 Document = dict[str, Any]
 T = TypeVar("T")
@@ -70,9 +72,11 @@ def load(source: Path) -> Document:
     if not source.is_file():
         raise InputError(f"there is no study file {source}{nearest_beside(source, ('.toml',))}")
     try:
-        return tomllib.loads(source.read_bytes().decode("utf-8-sig"))
+        return tomllib.loads(read_content(source).decode("utf-8-sig"))
     except OSError as error:
         raise InputError(f"cannot read {source}: {error.strerror}") from error
+    except InputError as error:
+        raise InputError(f"cannot read {source}: {error}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{source} is not UTF-8 text: a study is a TOML file") from error
     except (ValueError, RecursionError) as error:  # an integer of thousands of digits is a ValueError, too
@@ -175,8 +179,9 @@ def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
                 if isinstance(error, _UnfitItemError):  # It says more than that the whole is unfit.
                     unfit = str(error)
     is_whole = type(value) is int and -(2**63) <= value < 2**63  # These are the integers of TOML.
+    is_real = type(value) is float and (value == 0 or LEAST_SIZE <= abs(value) <= LARGEST_SIZE)
     if kind in (int, float):
-        is_fit = is_whole or (kind is float and type(value) is float)
+        is_fit = is_whole or (kind is float and is_real)
     else:
         is_fit = type(value) is kind if origin is not Literal else value in within
     if is_fit:

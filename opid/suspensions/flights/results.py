@@ -64,7 +64,7 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
         NotDeterminedError: fewer than two flights remain that can be compared.
     """
     files, unfinished = _list_files(paths)
-    twice = [str(file) for file, n in Counter(file.resolve() for file in files).items() if n > 1]
+    twice = [str(file) for file, n in Counter(os.path.realpath(file) for file in files).items() if n > 1]
     if twice:
         raise InputError(f"{list_names(twice)}: given more than once, give each result once")
     names = _name_results(files)
@@ -139,7 +139,7 @@ def _name_results(files: Sequence[Path]) -> list[str]:
     """Name each result after the folder of its study, or by its whole path if two have that name."""
     names = []
     for file in files:
-        above = [part for part in file.resolve().parts[:-1] if part not in ("out", "result")]
+        above = [part for part in Path(os.path.realpath(file)).parts[:-1] if part not in ("out", "result")]
         name = file.stem if file.name != RESULT_FILE else above[-1]
         names.append(name.removesuffix("_result") or name)
     return [str(file) if names.count(name) > 1 else name for file, name in zip(files, names, strict=True)]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from opid.errors import InputError, nearest, refuse
-from opid.signals.recording import FloatArray
+from opid.signals.recording import FloatArray, has_usual_size
 
 Point = tuple[float | Sequence[float], str]
 """Coordinates of a point of a mesh, and the component of its motion."""
@@ -242,6 +242,11 @@ def matrix_faults(name: str, matrix: sparse.csr_matrix, dofs: Sequence[str]) -> 
         yield f"the {name} matrix has shape {matrix.shape} for {len(dofs)} degrees of freedom: give a square one"
     elif not np.isfinite(matrix.data).all():
         yield f"the {name} matrix has entries that are not finite: export it again"
+    elif not has_usual_size(matrix.data):
+        yield (
+            f"the {name} matrix has entries up to {np.abs(matrix.data).max():.3g}, which no structure has: export it "
+            "in SI units"
+        )
     else:
         # Rounding in a finite-element code may leave a small difference.
         if matrix.nnz and np.abs((matrix - matrix.T).data).max(initial=0.0) > 1e-8 * np.abs(matrix.data).max():

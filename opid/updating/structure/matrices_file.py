@@ -209,9 +209,10 @@ def _read_sparse_npz(path: Path) -> Any:
     compressed = {"csr": sparse.csr_matrix, "csc": sparse.csc_matrix, "bsr": sparse.bsr_matrix}
     shape = tuple(arrays["shape"].tolist())
     if kind in compressed:
-        matrix = compressed[kind](tuple(arrays[piece] for piece in PIECES), shape=shape)
-        matrix.check_format(full_check=True)
-        return matrix
+        try:
+            return _make_sparse(compressed[kind], tuple(arrays[piece] for piece in PIECES), shape)
+        except InputError as error:
+            raise InputError(f"its arrays {error}") from None
     if kind == "coo":
         return sparse.coo_matrix((arrays["data"], (arrays["row"], arrays["col"])), shape=shape)
     if kind == "dia":
@@ -252,16 +253,32 @@ def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
         if missing:
             raise InputError(f"{path}: the sparse matrix {name!r} lacks {name}_{missing[0]}: store all of {PIECES}")
         data, indices, indptr = (np.ravel(found.pop(f"{name}_{piece}")) for piece in PIECES)
-        size = len(indptr) - 1
         try:
-            matrix = sparse.csr_matrix((data, indices, indptr), shape=(size, size))
-            matrix.check_format(full_check=True)
-        except ValueError as error:
-            raise InputError(
-                f"{path}: the arrays of {name!r} do not make a sparse matrix ({error}): store it again"
-            ) from None
+            matrix = _make_sparse(sparse.csr_matrix, (data, indices, indptr), (len(indptr) - 1,) * 2)
+        except InputError as error:
+            raise InputError(f"{path}: the arrays of {name!r} {error}") from None
         found[name] = matrix
     return found
+
+
+def _make_sparse(kind: Callable[..., Any], pieces: tuple[Any, ...], shape: tuple[int, ...]) -> Any:
+    """Return the sparse matrix of three arrays, whose pointers must be whole numbers inside it."""
+    data, *pointers = pieces
+    if pointers[-1].ndim != 1 or (np.diff(pointers[-1]) < 0).any():
+        # scipy does not check pointers that end below zero
+        raise InputError("do not make a sparse matrix (indptr falls): store it again")
+    if data.dtype.kind not in "iuf" or any(each.dtype.kind not in "iu" for each in pointers) or min(shape) < 1:
+        kinds = ", ".join(f"{name} {each.dtype}" for name, each in zip(PIECES, pieces, strict=True))
+        raise InputError(
+            f"do not make a sparse matrix of the shape {shape} ({kinds}): store numbers, and whole numbers as pointers"
+        )
+    try:
+        matrix = kind(pieces, shape=shape)
+        matrix.check_format(full_check=True)
+    except (ValueError, TypeError, OverflowError, IndexError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"do not make a sparse matrix ({reason}): store it again") from None
+    return matrix
 
 
 def _to_matrix(name: str, value: Any) -> sparse.csr_matrix:
