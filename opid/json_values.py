@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from opid.errors import INVISIBLE
+
 
 def plain(value: Any) -> Any:
     """Return a value with nothing in it that JSON does not know: numpy becomes Python, NaN and infinity null.
@@ -46,6 +48,8 @@ def json_text(document: Mapping[str, Any]) -> str:
     '{\\n  "a": [1, null]\\n}\\n'
     """
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    # a terminal that shows the document shall not be steered by a name in it
+    text = INVISIBLE.sub(lambda found: found[0] if found[0] == "\n" else f"\\u{ord(found[0]):04x}", text)
     # a list of numbers on one line: thousands of lines with one number each help nobody
     return re.sub(r"\[[^\[\]{}\"]*\]", _join_numbers, text) + "\n"
 

@@ -19,7 +19,7 @@ BELOW_WINGS = GROUND | {"signals", "mechanics"}
 MAY_IMPORT = {
     "errors": set(),
     "estimate": set(),
-    "json_values": set(),
+    "json_values": {"errors"},
     "progress": set(),
     "provenance": set(),
     "result": {"errors", "estimate", "provenance"},
