@@ -167,30 +167,30 @@ COMMANDS = {
         {"channel": "az"}, {"log": "hit.csv"},
     ),
     "modes": Command(
-        ("modes", "beats/impact_1.csv", "--drive-point", "case_x", "--force-channel", "force", "--band", "50", "500"),
-        ("beats",), {"sensor": "case_x", "other sensor": "lid_x", "force": "force"}, {"log": "beats/impact_1.csv"},
+        ("modes", "beats/impact_1.csv", "--drive-point", "case_x", "--force-channel", "hammer", "--band", "50", "500"),
+        ("beats",), {"sensor": "case_x", "other sensor": "lid_x", "force": "hammer"}, {"log": "beats/impact_1.csv"},
     ),
     "modes of stages": Command(
-        ("modes", "beats/impact_1.csv", "beats/impact_2.csv", "--drive-point", "case_x", "--stage", "first",
-         "--stage", "second", "--band", "50", "500"),
+        ("modes", "beats/impact_1.csv", "beats/impact_2.csv", "--drive-point", "case_x", "--force-channel", "hammer",
+         "--stage", "first", "--stage", "second", "--band", "50", "500"),
         ("beats",), {"sensor": "case_x", "stage": "first", "other stage": "second"},
     ),
     "modal": Command(
         ("modal", "beats/study.toml"), ("beats",),
         {"title": "A mode with cubic softening and quadratic damping", "sensor": "case_x", "other sensor": "lid_x",
-         "force": "force", "test": "beat one", "other test": "a sweep"},
+         "force": "hammer", "test": "beat one", "other test": "a sweep"},
         {"log": "beats/beat_3_level_2.csv", "modes": "beats/modes.npz"},
     ),
     "resonance": Command(
         ("resonance", "levels/study.toml"), ("levels",),
         {"title": "A mode with cubic softening and quadratic damping", "sensor": "lid_x", "other sensor": "case_x",
-         "force": "force", "test": "levels", "curve": "curve one"},
+         "force": "hammer", "test": "levels", "curve": "curve one"},
         {"curve file": "levels/curve_1.csv"},
     ),
     "update": Command(
         ("update", "wing/study.toml", *SAMPLES), ("wing",),
         {"title": "Virtual backbones of a wing-engine structure, seed 1", "backbone": "mode 7, curve 1",
-         "class": "class 1", "other class": "class 2", "joint": "9-10", "sensor": "3", "parameter": "E_steel"},
+         "class": "class 1", "other class": "class 2", "joint": "9-10"},
         {"backbone file": "wing/mode_8_curve_1.csv"},
     ),
     "campaign": Command(
@@ -239,6 +239,10 @@ def make(name):
                        "identified_body_2": ("aircraft_2",)}.get(name, ()):  # fmt: skip
             make(needed)
         run_quietly(OURS[name])
+    if name in ("beats", "levels"):
+        for table in path.glob("*.csv"):
+            edit(table, ",force [N],case_x", ",hammer [N],case_x")
+        edit(path / "study.toml", 'force = "force"', 'force = "hammer"')
     if name == "beats":
         edit(path / "study.toml", 'use = "truth"', 'use = "truth"\nname = "a sweep"')
         edit(path / "study.toml", 'level_1.csv"', 'level_1.csv"\nname = "beat one"')
@@ -461,7 +465,10 @@ def judge(command, verdict, harmless, names, benign):
     if more:
         return Verdict("injection", str(more))
     for each, name in names.items():
-        if benign[each] in harmless.page.text and squeeze(name) not in verdict.page.text:
+        # in a sentence a name stands in quotation marks, as Python writes it
+        if benign[each] in harmless.page.text and not any(
+            squeeze(word) in verdict.page.text for word in (name, repr(name)[1:-1])
+        ):
             return Verdict("not to the letter", f"{each} {name!r}")
     return verdict
 

@@ -307,11 +307,17 @@ def plain_numbers(axis: Axis) -> None:
 
 # ---- texts that hold names of the user ---------------------------------------------------------------
 
-LONGEST_WORD, LONGEST_LINE, MOST_LINES = 32, 84, 8
+LONGEST_WORD, LONGEST_LINE, MOST_LINES = 30, 84, 8
 """Letters of a word and of a line of a figure, and its lines: a longer one would leave no room for the curves."""
 
-LONGEST_ENTRY = 56
-"""Letters of an entry of a legend, or of a name beside a row: both stand beside others, or beside the panel."""
+LONGEST_ENTRIES = (48, 40, 40)
+"""Letters of an entry of a legend, where one, two, or more panels stand beside each other."""
+
+LONGEST_NAMES = (64, 30, 20)
+"""Letters of a name at a row or a point, likewise: it takes its room from the panel."""
+
+LETTER_IN = 0.067
+"""Mean width of a bold letter of 10 points, inches: a title may be as long as its panel is wide."""
 
 LACKING = "□"
 """What is drawn in the place of a character that no font has."""
@@ -351,13 +357,12 @@ def shorten(text: str, most: int = LONGEST_LINE) -> str:
     """Return a text for a figure: long words and lines lose their middle, and what is invisible is left out.
 
     >>> shorten("run 'a" + 1000 * "b" + "c'"), len(shorten(1000 * "ab "))
-    ("run 'abbbbbbbbbbbbbbbbbbb…bbbbbbbbc'", 84)
+    ("run 'abbbbbbbbbbbbbbbbb…bbbbbbbbc'", 84)
     """
     lines = [INVISIBLE.sub("", line.replace("\t", " ")) for line in re.split(r"\r\n|[\n\r]", text)]
     kept = lines[:MOST_LINES] if len(lines) <= MOST_LINES else [*lines[: MOST_LINES - 1], "…"]
-    if all(len(line) <= LONGEST_WORD for line in kept):
-        return "\n".join(kept)
-    return "\n".join(_cut(" ".join(_cut(word, LONGEST_WORD) for word in line.split(" ")), most) for line in kept)
+    word = min(most, LONGEST_WORD)
+    return "\n".join(_cut(" ".join(_cut(each, word) for each in line.split(" ")), most) for line in kept)
 
 
 def _cut(text: str, most: int) -> str:
@@ -376,20 +381,27 @@ def _mend_texts(ax: Axes) -> None:
     figure = ax.get_figure(root=True)
     assert figure is not None
     bars = [each for each in figure.axes if getattr(each, "_colorbar", None) is not None]
+    spec = ax.get_subplotspec()
+    beside = 1 if spec is None else spec.get_gridspec().ncols
+    n_columns = 1 if spec is None else len(spec.colspan)
+    entry, name = LONGEST_ENTRIES[min(beside, 3) - 1], LONGEST_NAMES[min(beside, 3) - 1]
+    title = min(LONGEST_LINE, int((figure.get_figwidth() * n_columns / beside - 0.25) / LETTER_IN))
     for artist in ax.get_children():
         label = artist.get_label()
-        if isinstance(label, str) and not label.startswith("_") and label != (short := shorten(label, LONGEST_ENTRY)):
+        if isinstance(label, str) and not label.startswith("_") and label != (short := shorten(label, entry)):
             artist.set_label(short)
     for legend in (ax.get_legend(), *figure.legends):
-        for entry in () if legend is None else legend.get_texts():
-            _mend_text(entry, LONGEST_ENTRY)
-    for each in (ax, *bars):
-        any_axes: Any = each
-        for text in (any_axes.title, any_axes._left_title, any_axes._right_title, *any_axes.texts):
-            _mend_text(text, LONGEST_LINE)
+        for each in () if legend is None else legend.get_texts():
+            _mend_text(each, entry)
+    any_axes: Any
+    for any_axes in (ax, *bars):
+        for text in (any_axes.title, any_axes._left_title, any_axes._right_title):
+            _mend_text(text, title)
+        for text in any_axes.texts:
+            _mend_text(text, max(name, LONGEST_NAMES[1]))
         for axis in any_axes._axis_map.values():
-            _mend_text(axis.label, LONGEST_LINE)
-            _mend_ticks(axis)
+            _mend_text(axis.label, title)
+            _mend_ticks(axis, name)
 
 
 def _mend_text(text: Text, most: int) -> None:
@@ -403,7 +415,7 @@ def _mend_text(text: Text, most: int) -> None:
         text.set_gid(written)
 
 
-def _mend_ticks(axis: Any) -> None:
+def _mend_ticks(axis: Any, most: int) -> None:
     """Mend the names at an axis, and write its powers of ten without mathematics."""
     for is_minor, formatter in ((False, axis.get_major_formatter()), (True, axis.get_minor_formatter())):
         if type(formatter) is LogFormatterSciNotation:
@@ -414,7 +426,7 @@ def _mend_ticks(axis: Any) -> None:
     if not isinstance(locator, FixedLocator) or isinstance(formatter, NamedTicks | NullFormatter):
         return
     texts = formatter.format_ticks(locator())
-    written = [shorten(each, LONGEST_ENTRY) for each in texts]
+    written = [shorten(each, most if axis.axis_name == "y" else min(most, LONGEST_NAMES[1])) for each in texts]
     found = [_find_glyphs(each, axis.label.get_fontproperties()) for each in written]
     shown = [each for each, _ in found]
     if shown != list(texts):

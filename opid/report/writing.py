@@ -226,13 +226,13 @@ def lay_out_page(
         return str(escape(text)).replace("&#39;", "'").replace("&#34;", '"')
 
     def format_prose(text: str) -> str:
-        return re.sub("`([^`]+)`", r"<code>\1</code>", format_units(text))
+        return re.sub("`([^`]+)`", r"<code>\1</code>", format_units(text, only=True))
 
     def format_text(text: str) -> Markup:
         return Markup(write_html(text, format_words))
 
     def format_cell(text: str) -> Markup:
-        """A cell may be a name: only what is a unit beyond doubt is raised."""
+        """A cell may be a name of the user, which has no words in another typeface."""
         return Markup(write_html(text, lambda words: _isolate(format_units(html(escape_invisible(words)), only=True))))
 
     def finalize(value: Any) -> Any:
