@@ -310,14 +310,15 @@ def plain_numbers(axis: Axis) -> None:
 LONGEST_WORD, LONGEST_LINE, MOST_LINES = 30, 84, 8
 """Letters of a word and of a line of a figure, and its lines: a longer one would leave no room for the curves."""
 
-LONGEST_ENTRIES = (48, 40, 40)
-"""Letters of an entry of a legend, where one, two, or more panels stand beside each other."""
+LONGEST_ENTRY, LONGEST_NOTE = 48, 30
+"""Letters of an entry of a legend, and of a name at a point: both lie over the curves, or beside others."""
 
-LONGEST_NAMES = (64, 30, 20)
-"""Letters of a name at a row or a point, likewise: it takes its room from the panel."""
+LONGEST_NAMES = (56, 30, 20)
+"""Letters of a name at a row where one, two, or more panels stand beside each other: it takes its room from them."""
 
-LETTER_IN = 0.067
-"""Mean width of a bold letter of 10 points, inches: a title may be as long as its panel is wide."""
+LETTER_IN, LEAST_TITLE = 0.08, 30
+"""Mean width of a bold letter of 10 points, inches, and the letters of a title that a panel has room for
+in any case: a title may be as long as its panel is wide."""
 
 LACKING = "□"
 """What is drawn in the place of a character that no font has."""
@@ -384,24 +385,24 @@ def _mend_texts(ax: Axes) -> None:
     spec = ax.get_subplotspec()
     beside = 1 if spec is None else spec.get_gridspec().ncols
     n_columns = 1 if spec is None else len(spec.colspan)
-    entry, name = LONGEST_ENTRIES[min(beside, 3) - 1], LONGEST_NAMES[min(beside, 3) - 1]
-    title = min(LONGEST_LINE, int((figure.get_figwidth() * n_columns / beside - 0.25) / LETTER_IN))
+    room_in = figure.get_figwidth() * n_columns / beside - 0.4
+    title = min(LONGEST_LINE, max(int(room_in / LETTER_IN), LEAST_TITLE))
     for artist in ax.get_children():
         label = artist.get_label()
-        if isinstance(label, str) and not label.startswith("_") and label != (short := shorten(label, entry)):
+        if isinstance(label, str) and not label.startswith("_") and label != (short := shorten(label, LONGEST_ENTRY)):
             artist.set_label(short)
     for legend in (ax.get_legend(), *figure.legends):
         for each in () if legend is None else legend.get_texts():
-            _mend_text(each, entry)
+            _mend_text(each, LONGEST_ENTRY)
     any_axes: Any
     for any_axes in (ax, *bars):
         for text in (any_axes.title, any_axes._left_title, any_axes._right_title):
             _mend_text(text, title)
         for text in any_axes.texts:
-            _mend_text(text, max(name, LONGEST_NAMES[1]))
+            _mend_text(text, LONGEST_NOTE)
         for axis in any_axes._axis_map.values():
-            _mend_text(axis.label, title)
-            _mend_ticks(axis, name)
+            _mend_text(axis.label, max(title, LONGEST_ENTRY))
+            _mend_ticks(axis, LONGEST_NAMES[min(beside, 3) - 1])
 
 
 def _mend_text(text: Text, most: int) -> None:
