@@ -9,8 +9,8 @@ something else in its place, or gives an option of the command an absurd value, 
 is forked from this one, where all code is loaded and compiled. What is right: status 0 or 3, status 1 (the data do
 not determine the answer), or status 2 with one sentence on one line that begins with "Error:" and names the file or
 the option.
-What is wrong: an exception, a process that dies, no end after 60 s of the processor or 300 s of waiting, a sentence that
-names neither file nor option or that no terminal can show, a warning of Python on stderr, words printed past the
+What is wrong: an exception, a process that dies, no end after 60 s of the processor or 300 s of waiting, a sentence
+that names neither file nor option or that no terminal can show, a warning of Python on stderr, words printed past the
 command, and a result after status 2.
 """
 

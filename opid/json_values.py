@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from opid.errors import INVISIBLE
 from opid.provenance import read_content
 
 LARGEST = 1e100
@@ -55,6 +56,8 @@ def json_text(document: Mapping[str, Any]) -> str:
     '{\\n  "a": [1, null]\\n}\\n'
     """
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    # a terminal that shows the document shall not be steered by a name in it
+    text = INVISIBLE.sub(lambda found: found[0] if found[0] == "\n" else f"\\u{ord(found[0]):04x}", text)
     # a list of numbers on one line: thousands of lines with one number each help nobody
     return re.sub(r"\[[^\[\]{}\"]*\]", _join_numbers, text) + "\n"
 

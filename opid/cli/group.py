@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.errors import InputError, NotDeterminedError, list_names
+from opid.errors import InputError, NotDeterminedError, escape_invisible, list_names
 from opid.progress import Say, Step
 
 if TYPE_CHECKING:
@@ -124,8 +124,8 @@ def as_line(text: str) -> str:
     >>> as_line("there is no file a\x1b[31m\nb")
     'there is no file a\\x1b[31m b'
     """
-    words = (word if word.isprintable() else word.encode("unicode_escape").decode() for word in text.split())
-    return _shorten(" ".join(_shorten(word, _LONGEST_WORD) for word in words), _LONGEST_LINE)
+    words = (_shorten(word, _LONGEST_WORD) for word in printable(text).split())
+    return _shorten(" ".join(words), _LONGEST_LINE)
 
 
 def _shorten(text: str, most: int) -> str:
@@ -215,10 +215,24 @@ def _end_cleanly() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def _escape(error: click.ClickException) -> click.ClickException:
+    """Return what click says of a command line, whose words must not steer the terminal."""
+    said = as_line(error.format_message())
+    error.format_message = lambda: said  # type: ignore[method-assign]
+    return error
+
+
 class Commands(click.Group):
     """Where the input or the data are at fault, these commands end with a sentence instead of a traceback."""
 
     group_class = type
+
+    def make_context(self, *args: Any, **settings: Any) -> click.Context:
+        """Read the words of the command line."""
+        try:
+            return super().make_context(*args, **settings)
+        except click.ClickException as error:
+            raise _escape(error) from None
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands with their whole summaries, which click would shorten to one line each."""
@@ -235,6 +249,8 @@ class Commands(click.Group):
         try:
             with _end_cleanly():
                 return super().invoke(context)
+        except click.ClickException as error:
+            raise _escape(error) from None
         except InputError as error:
             raise BadInput(str(error)) from error
         except NotDeterminedError as error:
@@ -251,9 +267,6 @@ class Commands(click.Group):
             raise Interrupted("interrupted") from error
         except _EndedError as error:
             raise Ended("ended by a signal of the system") from error
-        except click.ClickException as error:
-            error.message = as_line(error.message)  # type: ignore[misc]
-            raise
         except (click.exceptions.Exit, click.Abort):
             raise
         except Exception as error:
@@ -453,7 +466,7 @@ class Output:
         elif self.has_text:
             click.echo(text(result, truth))
             for note in notes:
-                click.echo(note)
+                click.echo(printable(note))
         reason = getattr(result, "not_determined", None)
         if reason:
             raise NotDetermined(
@@ -470,12 +483,12 @@ class Output:
             made = {"made": words.splitlines(), "study": str(study), "truth": str(truth), "next": again}
             click.echo(printable(json_text(made)), nl=False)
         elif self.has_text:
-            click.echo(f"{words}\nNext: {again}")
+            click.echo(printable(f"{words}\nNext: {again}"))
 
 
 def printable(text: str) -> str:
-    """Return a text as any terminal can show it: the name of a file may be no UTF-8."""
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+    """Return a text as any terminal can show it: the name of a file may be no UTF-8, or steer a terminal."""
+    return escape_invisible(text)
 
 
 def with_output(command: Callable[..., None]) -> Callable[..., None]:
@@ -531,7 +544,7 @@ def steps() -> Iterator[Say]:
     start, logger = time.monotonic(), logging.getLogger("opid")
 
     def say(step: str) -> None:
-        click.echo(f"{time.monotonic() - start:7.1f} s  {step}", err=True)
+        click.echo(printable(f"{time.monotonic() - start:7.1f} s  {step}"), err=True)
 
     shown, before = _LogAsSteps(say), logger.level
     logger.addHandler(shown)
@@ -571,7 +584,7 @@ def progress(*, quiet: bool = False) -> Iterator[Say]:
         name, fraction = (step.name, step.fraction) if isinstance(step, Step) else (step, None)
         # Steps that count on from each other, like the tests of a series, share one clock and one bar.
         goes_on = fraction is not None and line.bar_format == COUNTED and fraction >= line.n
-        line.set_description_str(name, refresh=False)
+        line.set_description_str(printable(name), refresh=False)
         line.bar_format = UNCOUNTED if fraction is None else COUNTED
         line.n = fraction or 0.0
         if not goes_on:  # The time that is left is estimated from what is done from here on.

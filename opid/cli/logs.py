@@ -96,7 +96,7 @@ def inspect(
         elif output.has_text and notes:
             click.echo(printable("\n" + "\n".join((*notes, *filter(None, left_out)))))
     for failure in failures[:-1]:
-        click.echo(f"Error: {failure}", err=True)
+        click.echo(printable(f"Error: {failure}"), err=True)
     if failures:
         raise BadInput(failures[-1])
 
