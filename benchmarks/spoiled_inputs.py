@@ -9,8 +9,8 @@ something else in its place, or gives an option of the command an absurd value, 
 is forked from this one, where all code is loaded and compiled. What is right: status 0 or 3, status 1 (the data do
 not determine the answer), or status 2 with one sentence on one line that begins with "Error:" and names the file or
 the option.
-What is wrong: an exception, a process that dies, no end after 60 s of the processor or 300 s of waiting, a sentence that
-names neither file nor option or that no terminal can show, a warning of Python on stderr, words printed past the
+What is wrong: an exception, a process that dies, no end after 60 s of the processor or 300 s of waiting, a sentence
+that names neither file nor option or that no terminal can show, a warning of Python on stderr, words printed past the
 command, and a result after status 2.
 """
 
@@ -302,12 +302,12 @@ def spoil_option(line, words, rng):
     option = rng.choice([*options, None])
     if option is None:
         words[1] = rng.choice([each for each in TEXTS if "\ud800" not in each])
-        return Case(tuple(words), f"argument {words[1]!r}", (words[1], "LOG", "STUDY", "RESULT", "BENCH", "CAMPAIGN"))
+        return Case(tuple(words), f"argument {words[1]!r}", (group.as_line(words[1]), "there is no file"))
     flag = option.opts[-1]
     is_number = "float" in option.type.name or "int" in option.type.name or option.type.name == "number"
     values = [rng.choice(NUMBERS if is_number or rng.random() < 0.3 else TEXTS) for _ in range(option.nargs)]
     own_words = [each for each in flag.strip("-").split("-") if len(each) > 3]
-    names = (flag, *(each for each in values if each.strip()), *own_words)
+    names = (flag, words[1], *filter(None, map(group.as_line, values)), *own_words)
     return Case((*words, flag, *values), f"{flag} {values!r}"[:200], names)
 
 
