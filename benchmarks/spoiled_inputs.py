@@ -302,12 +302,12 @@ def spoil_option(line, words, rng):
     option = rng.choice([*options, None])
     if option is None:
         words[1] = rng.choice([each for each in TEXTS if "\ud800" not in each])
-        return Case(tuple(words), f"argument {words[1]!r}", (words[1], "LOG", "STUDY", "RESULT", "BENCH", "CAMPAIGN"))
+        return Case(tuple(words), f"argument {words[1]!r}", (group.as_line(words[1]), "there is no file"))
     flag = option.opts[-1]
     is_number = "float" in option.type.name or "int" in option.type.name or option.type.name == "number"
     values = [rng.choice(NUMBERS if is_number or rng.random() < 0.3 else TEXTS) for _ in range(option.nargs)]
     own_words = [each for each in flag.strip("-").split("-") if len(each) > 3]
-    names = (flag, *(each for each in values if each.strip()), *own_words)
+    names = (flag, words[1], *filter(None, map(group.as_line, values)), *own_words)
     return Case((*words, flag, *values), f"{flag} {values!r}"[:200], names)
 
 

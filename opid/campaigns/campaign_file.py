@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from opid.errors import InputError, nearest, refuse
-from opid.signals.files import nearest_beside
+from opid.signals.files import nearest_beside, read_text
 from opid.studies.schema import Document, load, read_tables, require_plain
 from opid.studies.study_file import SUSPENSIONS, kind_of
 from opid.suspensions.settings import METHODS_OF_LAW
@@ -159,13 +159,13 @@ def read_rows(path: Path) -> list[dict[str, Cell]]:
             more cells than the head, or a quotation mark that is not closed.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
     except OSError as error:
         raise InputError(
             f"cannot read the table of flights {path}: {error.strerror}{nearest_beside(path, ('.csv',))}"
         ) from error
-    except ValueError as error:  # the text is no UTF-8, or the name holds a zero byte
-        raise InputError(f"the table of flights {path} is no UTF-8 text: give a CSV file") from error
+    except InputError as error:
+        raise InputError(f"cannot read the table of flights {path}: {error}") from error
     is_comma = ";" in text.partition("\n")[0]
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if is_comma else ",", strict=True)
     try:

@@ -417,13 +417,15 @@ class Output:
         """Show the step that is under way, every step with --verbose, none with --quiet."""
         return steps() if self.verbose else progress(quiet=self.quiet)
 
+    @staticmethod
     @contextmanager
-    def name_files(self, *paths: Path) -> Iterator[None]:
+    def name_files(*paths: Path) -> Iterator[None]:
         """Put the files that a command reads before the reason why they cannot be used, if it names no file."""
         try:
             yield
         except InputError as error:
-            if any(str(path) in str(error) for path in (*paths, self.out or paths[0])):
+            # what cannot be written comes from the system, and names the folder
+            if isinstance(error.__cause__, OSError) or any(str(path) in str(error) for path in paths):
                 raise
             raise InputError(f"{list_names(paths)}: {error}") from error
 

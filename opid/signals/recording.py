@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -161,16 +162,16 @@ def has_usual_size(values: ArrayLike) -> bool:
     >>> has_usual_size([0.0, 1e-80, 2.0]), has_usual_size([0.0]), has_usual_size([1e300]), has_usual_size([np.nan])
     (True, True, False, False)
     """
-    size = np.abs(np.asarray(values, dtype=np.float64))
+    size = np.abs(np.asarray(values))
     largest = float(size.max(initial=0.0))
     return largest == 0.0 or LEAST_SIZE <= largest <= LARGEST_SIZE
 
 
 def require_distinct_names(names: Sequence[str]) -> None:
     """Raise an error if two channels have one name."""
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"the channel name {twice!r} stands {names.count(twice)} times: rename one")
+    for name, n in Counter(names).items():
+        if n > 1:
+            raise InputError(f"the channel name {name!r} stands {n} times: rename one")
 
 
 def recording_from_arrays(

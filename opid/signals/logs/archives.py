@@ -12,6 +12,7 @@ import os
 import struct
 import zipfile
 import zlib
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -127,10 +128,9 @@ class _Member:
 
 def _read_members(archive: zipfile.ZipFile) -> Archive:
     members = [_read_member(archive, info) for info in archive.infolist() if not info.is_dir()]
-    names = [member.name for member in members]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"it has {names.count(name)} arrays of the name {name!r}: write each once")
+    for name, n in Counter(member.name for member in members).items():
+        if n > 1:
+            raise InputError(f"it has {n} arrays of the name {name!r}: write each once")
     _require_memory(sum(member.n_bytes for member in members if not member.is_pickled))
     arrays = {}
     for member in members:

@@ -5,6 +5,7 @@ It is made of sparse matrices with names, or of what scikit-fem assembled.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -273,7 +274,7 @@ def name_faults(
     """
     known = dict.fromkeys(dofs)
     if len(known) < len(dofs):
-        twice = next(name for name in dofs if dofs.count(name) > 1)
+        twice = next(name for name, n in Counter(dofs).items() if n > 1)
         yield f"two degrees of freedom are called {twice!r}: give each a name of its own"
     if not sensors:
         yield "no sensor is named: name the degrees of freedom that are measured"

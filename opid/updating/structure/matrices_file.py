@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from opid.errors import InputError, nearest, refuse
-from opid.signals.files import write_whole
+from opid.signals.files import read_text, write_whole
 from opid.signals.logs.archives import read_archive, read_array
 from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults, structure_faults
 
@@ -329,8 +330,8 @@ def _read_labels(path: Path, n_dof: int | None) -> tuple[str, ...]:
     if not path.is_file():
         raise InputError(f"there is no file {path}: check the name and the folder")
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(path)
+    except (OSError, InputError) as error:
         raise InputError(f"{path} cannot be read as text ({error}): save the labels as UTF-8") from None
     if path.suffix.lower() != ".csv":
         return tuple(line.strip() for line in text.splitlines() if line.strip())
@@ -363,8 +364,7 @@ def _read_joint_ends(given: Any) -> dict[str, tuple[str, ...]]:
         texts = _to_texts("joints", given)
         width = np.shape(given)[-1] if texts else 3
         rows = [texts[start : start + width] for start in range(0, len(texts), width)]
-    names = [str(row[0]) for row in rows]
-    for name in names:
-        if names.count(name) > 1:
+    for name, n in Counter(str(row[0]) for row in rows).items():
+        if n > 1:
             raise InputError(f"two joints are called {name!r}: give each a name of its own")
     return {str(name): tuple(str(end) for end in ends if end != "") for name, *ends in rows}
