@@ -264,8 +264,8 @@ def _require_sizes(fit: StoredFit) -> None:
         or sorted(members) != [*range(n_interfaces)]
     ):
         raise InputError(
-            "the fit in the result has a covariance that is none, a noise, motion, mass or rate that is not positive, or "
-            "groups of other interfaces: identify the study again"
+            "the fit in the result has a covariance that is none, a noise, motion, mass or rate that is not positive, "
+            "or groups of other interfaces: identify the study again"
         )
 
 
