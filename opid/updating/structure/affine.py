@@ -237,6 +237,9 @@ def find_joint_rows(joints: Mapping[str, tuple[str, ...]], dofs: Sequence[str]) 
     return rows
 
 
+_MOST_UNKNOWN = 12  # names that are told: a list of another structure has thousands
+
+
 def matrix_faults(name: str, matrix: sparse.csr_matrix, dofs: Sequence[str]) -> Iterator[str]:
     """Yield what is wrong with one matrix of a structure, "mass", "stiffness" or a part of it."""
     if matrix.shape != (len(dofs), len(dofs)):
@@ -280,9 +283,11 @@ def name_faults(
         yield "no sensor is named: name the degrees of freedom that are measured"
     named = [("sensor", sensor) for sensor in sensors]
     named += [(f"joint {joint!r}", end) for joint, ends in joints.items() for end in ends]
-    for part, name in named:
-        if name not in known:
-            yield f"{part} names the {what} {name!r}, which does not exist: {nearest(name, known)}"
+    unknown = dict.fromkeys((part, name) for part, name in named if name not in known)
+    for part, name in [*unknown][:_MOST_UNKNOWN]:
+        yield f"{part} names the {what} {name!r}, which does not exist: {nearest(name, known)}"
+    if len(unknown) > _MOST_UNKNOWN:
+        yield f"{len(unknown) - _MOST_UNKNOWN} more names do not exist"
     for joint, ends in joints.items():
         if len(ends) not in (1, 2):
             yield f"joint {joint!r} has {len(ends)} ends: name the two between which it lies, or one for the ground"

@@ -25,6 +25,8 @@ Source = str | os.PathLike[str]
 PART = "part_"  # prefix of the name of a matrix that a parameter multiplies: part_E_steel for E_steel
 MARKET = (".mtx", ".mtx.gz")
 BOEING = (".hb", ".rsa", ".rua")
+_MOST_ENDS = 8  # cells of a row of joints, which has two or three
+_MOST_NAMES = 1_000_000  # more than a structure of matrices that are solved here has
 NAMES = ("dofs", "sensors", "joints")  # arrays that a file may hold beside matrices
 PIECES = ("data", "indices", "indptr")  # arrays of a sparse matrix in npz, by rows as in scipy
 
@@ -349,7 +351,10 @@ def _to_texts(name: str, given: Any) -> tuple[str, ...]:
     """Return the text of a list, a numpy array, or a MATLAB cell array or character matrix; numbers become text."""
     if isinstance(given, str):
         raise InputError(f"{name} is the text {given!r}: give a list of names")
-    cells = [cell for entry in np.ravel(np.asarray(given)) for cell in np.ravel(np.asarray(entry))]
+    array = np.asarray(given)
+    if array.size > _MOST_NAMES:
+        raise InputError(f"{name} holds {array.size} entries: give at most {_MOST_NAMES}, each with a name")
+    cells = [cell for entry in np.ravel(array) for cell in np.ravel(np.asarray(entry))]
     for cell in cells:
         if not isinstance(cell, str | int | np.integer | float) or cell != cell:
             raise InputError(f"{name} holds {cell!r}: give names")
@@ -363,6 +368,8 @@ def _read_joint_ends(given: Any) -> dict[str, tuple[str, ...]]:
     else:
         texts = _to_texts("joints", given)
         width = np.shape(given)[-1] if texts else 3
+        if np.ndim(given) > 2 or width > _MOST_ENDS:
+            raise InputError(f"joints has the shape {np.shape(given)}: give a row of name, end and other end for each")
         rows = [texts[start : start + width] for start in range(0, len(texts), width)]
     for name, n in Counter(str(row[0]) for row in rows).items():
         if n > 1:
