@@ -18,6 +18,7 @@ import io
 import json
 import os
 import re
+import shlex
 import shutil
 import sys
 import tempfile
@@ -78,6 +79,7 @@ NAMES = {
     "empty": "",
     "spaces": "   ",
     "option": "--help",
+    "underscore": "_x",
 }
 ALONE = ("empty", "spaces", "dots", "reserved", "option")
 """Names that a number would make harmless: they stand alone, in one field after the other."""
@@ -465,9 +467,9 @@ def judge(command, verdict, harmless, names, benign):
     if more:
         return Verdict("injection", str(more))
     for each, name in names.items():
-        # in a sentence a name stands in quotation marks, as Python writes it
+        # in a sentence a name stands in quotation marks, as Python writes it, in a command as the shell reads it
         if benign[each] in harmless.page.text and not any(
-            squeeze(word) in verdict.page.text for word in (name, repr(name)[1:-1])
+            squeeze(word) in verdict.page.text for word in (name, repr(name)[1:-1], shlex.quote(name))
         ):
             return Verdict("not to the letter", f"{each} {name!r}")
     return verdict
@@ -508,22 +510,24 @@ def try_command(name, originals, work, chosen, tell, pages):
         raise RuntimeError(f"{name} with harmless names: {harmless.word}: {harmless.said}")
     for hostile_name in chosen:
         hostile = NAMES[hostile_name]
-        together = None
-        if hostile_name not in ALONE:
-            together = try_names(command, originals, work, fields, hostile, harmless, benign, pages)
-        if together is not None and together.word == "correct":
-            for each in fields:
-                yield each, hostile_name, together
-            continue
-        for each in fields:
-            verdict = try_names(command, originals, work, [each], hostile, harmless, benign, pages)
-            if verdict.word not in ("correct", "refused", "impossible"):
-                tell(f"{name}, {each}, {hostile_name}: {verdict.word}: {verdict.said[:300]}")
-            yield each, hostile_name, verdict
-        # each field alone may hold what all together do not
-        if together is not None and together.word not in ("correct", "refused", "impossible"):
-            tell(f"{name}, all fields, {hostile_name}: {together.word}: {together.said[:300]}")
-            yield "all", hostile_name, together
+        for group in (list(command.fields), list(command.files)):
+            together = None
+            if group and hostile_name not in ALONE:
+                together = try_names(command, originals, work, group, hostile, harmless, benign, pages)
+            if together is not None and (together.word == "correct" or len(group) == 1):
+                verdicts = [(each, together) for each in group]
+            else:
+                verdicts = [
+                    (each, try_names(command, originals, work, [each], hostile, harmless, benign, pages))
+                    for each in group
+                ]
+                # each field alone may hold what all together do not
+                if together is not None and together.word not in WORDS:
+                    verdicts.append(("all", together))
+            for each, verdict in verdicts:
+                if verdict.word not in WORDS:
+                    tell(f"{name}, {each}, {hostile_name}: {verdict.word}: {verdict.said[:300]}")
+                yield each, hostile_name, verdict
 
 
 @contextlib.contextmanager
