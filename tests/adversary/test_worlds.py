@@ -2,9 +2,11 @@
 
 import pytest
 from bench_worlds import BENCH_WORLDS
+from flight_worlds import FLIGHT_WORLDS
+from updating_worlds import UPDATING_WORLDS
 from worlds import judge, list_names
 
-WORLDS = [*BENCH_WORLDS]
+WORLDS = [each for each in (*BENCH_WORLDS, *UPDATING_WORLDS, *FLIGHT_WORLDS) if not each.unseen]
 
 
 @pytest.mark.parametrize("world", WORLDS, ids=list_names(WORLDS))
