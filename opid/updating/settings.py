@@ -149,6 +149,12 @@ class UpdatingThresholds:
     better_exchanged: float = 0.8
     # growth of a curve over that of the model below which it counts as this, for its logarithm is needed
     least_grown: float = 0.01
+    # standard deviations of the gain of a sensor beyond which it is an error of its calibration: below it, the
+    # intervals of sound sets would grow by chance
+    odd_gain_sigma: float = 2.0
+    # velocity beyond which no amplitude is one of a structure: stress is velocity times density times speed of sound,
+    # and metals yield at 10 to 20 m/s, fibres at twice that (Hunt 1960)
+    most_velocity_m_per_s: float = 50.0
     # motion over that of the sensor that moves most, from which on a sensor tells its gain
     least_motion: float = 0.3
     # deviations at which the misfit of an entry of a shape counts no more, so that one sensor does not decide

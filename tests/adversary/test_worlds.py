@@ -2,10 +2,13 @@
 
 import pytest
 from bench_worlds import BENCH_WORLDS
+from flight_worlds import FLIGHT_WORLDS
 from modal_worlds import MODAL_WORLDS
+from updating_worlds import UPDATING_WORLDS
 from worlds import judge, list_names
 
-WORLDS = [*BENCH_WORLDS, *MODAL_WORLDS]
+ALL = (*BENCH_WORLDS, *MODAL_WORLDS, *UPDATING_WORLDS, *FLIGHT_WORLDS)
+WORLDS = [each for each in ALL if not each.unseen]
 
 
 @pytest.mark.parametrize("world", WORLDS, ids=list_names(WORLDS))

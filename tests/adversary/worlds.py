@@ -35,12 +35,15 @@ class World:
         fails: the assumption that fails, in words; "none" for the sound world beside which the others stand.
         ask: makes the measurement by a seed and returns the answer; refusals are raised as the library raises them.
         must_say: words that a warning or a refusal holds, where the data can tell the cause; "" where they cannot.
+        unseen: why no data tell that the assumption fails, with a number, so that the answer is wrong without a word;
+            "" for the worlds that the answer must survive.
     """
 
     command: str
     fails: str
     ask: Callable[[int], Answer]
     must_say: str = ""
+    unseen: str = ""
 
     @property
     def name(self) -> str:

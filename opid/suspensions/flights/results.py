@@ -16,6 +16,9 @@ from opid.suspensions.flights.result_file import Flight, read_flight
 
 STUDY_FILE = "study.toml"
 
+EARLIEST = date(1990, 1, 1)
+"""No log that is read here is older; clocks that have lost their time begin in 1904, 1970 or 1980."""
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -91,6 +94,14 @@ def put_in_order(flights: Sequence[Flight]) -> Flights:
         note = (
             f"{len(without)} of {len(flights)} results have no date ({list_names(without)}): all are taken in the "
             "order in which they were given; put 'date = 2026-03-01' into each study file to have them sorted"
+        )
+        return Flights(tuple(flights), False, notes=(note,))
+    if early := [flight for flight in flights if flight.date and flight.date < EARLIEST]:
+        written = ", ".join(sorted({str(flight.date) for flight in early}))
+        note = (
+            f"{len(early)} of {len(flights)} results have the date {written} ({list_names([f.name for f in early])}), "
+            "as clocks write that have lost their time: all are taken in the order in which they were given; correct "
+            "'date' in each study file to have them sorted"
         )
         return Flights(tuple(flights), False, notes=(note,))
     ordered = sorted(flights, key=lambda flight: flight.date or date.min)
