@@ -49,7 +49,7 @@ def list_lowest(project: dict, extras: tuple[str, ...] = EXTRAS) -> Iterator[str
     """Yield the lowest version that pyproject.toml allows of each package, as a constraint of pip.
 
     >>> list(list_lowest({"dependencies": ["numpy>=2.0"], "optional-dependencies": {"all": ["a[b]>=1,<2"]}}, ("all",)))
-    ['numpy==2.0.*', 'a==1.*']
+    ['numpy==2.0.*', 'a==1.0.*']
     """
     stated = [*project["dependencies"]]
     for extra in extras:
@@ -62,7 +62,7 @@ def list_lowest(project: dict, extras: tuple[str, ...] = EXTRAS) -> Iterator[str
         found = re.match(r"([\w.-]+)(?:\[.*?\])?>=([\w.]+)", each)
         if not found:
             raise ValueError(f"{each} has no lowest version: give it one in pyproject.toml")
-        yield f"{found[1]}=={found[2]}.*"
+        yield f"{found[1]}=={found[2]}{'' if '.' in found[2] else '.0'}.*"
 
 
 def run(*words: object, **settings: object) -> None:

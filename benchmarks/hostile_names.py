@@ -405,7 +405,7 @@ class Page(HTMLParser):
 
     @property
     def text(self):
-        return " ".join(" ".join(self.texts).split())
+        return "".join("".join(self.texts).split())
 
 
 @dataclass
@@ -455,8 +455,8 @@ def run(command, words, folder, *, has_figures=True):
 
 
 def squeeze(text):
-    """Return a text with one blank between words, and what is invisible as Python writes it."""
-    return " ".join(escape_invisible(text).split())
+    """Return a text without blanks, and with what is invisible as Python writes it."""
+    return "".join(escape_invisible(text).split())
 
 
 def judge(command, verdict, harmless, names, benign):
@@ -468,9 +468,10 @@ def judge(command, verdict, harmless, names, benign):
         return Verdict("injection", str(more))
     for each, name in names.items():
         # in a sentence a name stands in quotation marks, as Python writes it, in a command as the shell reads it
-        if benign[each] in harmless.page.text and not any(
-            squeeze(word) in verdict.page.text for word in (name, repr(name)[1:-1], shlex.quote(name))
-        ):
+        words = map(squeeze, (name, repr(name)[1:-1], shlex.quote(name)))
+        # a sketch breaks it into lines, and has no room for a long one
+        shown = (*words, f"{squeeze(name)[:8]}") if len(name) > MOST_IN_SKETCH else words
+        if benign[each] in harmless.page.text and not any(word in verdict.page.text for word in shown):
             return Verdict("not to the letter", f"{each} {name!r}")
     return verdict
 
@@ -550,6 +551,9 @@ def open_pages():
 
         yield look
 
+
+MOST_IN_SKETCH = 84
+"""Letters of a name that a sketch shows."""
 
 WORDS = ("refused", "correct", "impossible")
 
