@@ -3,10 +3,12 @@
 import pytest
 from bench_worlds import BENCH_WORLDS
 from flight_worlds import FLIGHT_WORLDS
+from identify_worlds import IDENTIFY_WORLDS
 from updating_worlds import UPDATING_WORLDS
 from worlds import judge, list_names
 
-WORLDS = [each for each in (*BENCH_WORLDS, *UPDATING_WORLDS, *FLIGHT_WORLDS) if not each.unseen]
+EVERY_WORLD = (*BENCH_WORLDS, *UPDATING_WORLDS, *FLIGHT_WORLDS, *IDENTIFY_WORLDS)
+WORLDS = [each for each in EVERY_WORLD if not each.unseen and not each.is_slow]
 
 
 @pytest.mark.parametrize("world", WORLDS, ids=list_names(WORLDS))
