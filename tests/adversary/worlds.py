@@ -37,6 +37,7 @@ class World:
         must_say: words that a warning or a refusal holds, where the data can tell the cause; "" where they cannot.
         unseen: why no data tell that the assumption fails, with a number, so that the answer is wrong without a word;
             "" for the worlds that the answer must survive.
+        is_slow: whether the answer takes more than about ten seconds, so that the benchmark alone asks for it.
     """
 
     command: str
@@ -44,6 +45,7 @@ class World:
     ask: Callable[[int], Answer]
     must_say: str = ""
     unseen: str = ""
+    is_slow: bool = False
 
     @property
     def name(self) -> str:

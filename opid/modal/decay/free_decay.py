@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, get_args
-from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -463,9 +462,10 @@ def _find_curves(
 
 def _fit_curve(x: FloatArray, y: FloatArray, degree: int, weight: FloatArray) -> FloatArray:
     """Return the coefficients of a polynomial, the smallest ones where the amplitudes tell too little."""
-    with catch_warnings():
-        simplefilter("ignore", np.exceptions.RankWarning)
-        return np.polyfit(x, y, degree, w=weight)
+    columns = np.vander(x, degree + 1) * weight[:, np.newaxis]
+    sizes = np.sqrt(np.sum(columns**2, axis=0))
+    found = np.linalg.lstsq(columns / sizes, y * weight, rcond=x.size * np.finfo(float).eps)[0]
+    return np.asarray(found / sizes, dtype=np.float64)
 
 
 def _measure_swing(amplitude: FloatArray, values: FloatArray, std: FloatArray, least_std: float) -> FloatArray:
