@@ -163,8 +163,8 @@ IDENTIFY_WORLDS = [
     gear_world(
         "clock of both 1 % fast",
         drift_clock(1e4, 1e4),
-        unseen="a clock that is faster by c takes the accelerations of K and C for those of K / c^2 and C / c: with 1 % "
-        "the stiffness is 2 % off at any residual",
+        unseen="a clock that is faster by c takes the accelerations of K and C for those of K / c^2 and C / c: with "
+        "1 % the stiffness is 2 % off at any residual",
     ),
     gear_world(
         "sensors above and below exchanged",
