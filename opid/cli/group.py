@@ -165,6 +165,11 @@ def _end_cleanly() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def _in_one_line(sentence: str) -> str:
+    """Return a sentence as any terminal can show it; a name in it may have several lines, the sentence has not."""
+    return printable(sentence).replace("\n", "\\n").replace("\t", "\\t")
+
+
 def _escape(error: click.ClickException) -> click.ClickException:
     """Return what click says of a command line, whose words must not steer the terminal."""
     said = printable(error.format_message())
@@ -202,9 +207,9 @@ class Commands(click.Group):
         except click.ClickException as error:
             raise _escape(error) from None
         except InputError as error:
-            raise BadInput(printable(str(error))) from error
+            raise BadInput(_in_one_line(str(error))) from error
         except NotDeterminedError as error:
-            raise NotDetermined(printable(str(error))) from error
+            raise NotDetermined(_in_one_line(str(error))) from error
         except MemoryError as error:
             words = str(error) or "there is none left"
             raise BadInput(f"it needs more memory than there is ({words}): ask for less at once") from error
@@ -212,7 +217,7 @@ class Commands(click.Group):
             # if the reader of a pipe has ended, click ends without a word
             if error.errno == errno.EPIPE:
                 raise
-            raise BadInput(printable(f"{error.filename or 'cannot write'}: {error.strerror or error}")) from error
+            raise BadInput(_in_one_line(f"{error.filename or 'cannot write'}: {error.strerror or error}")) from error
         except KeyboardInterrupt as error:
             raise Interrupted("interrupted") from error
         except _EndedError as error:
