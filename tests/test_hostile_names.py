@@ -243,6 +243,11 @@ def test_json_holds_any_name_and_steers_no_terminal():
     assert json.loads(text) == {"name": STEERING, "x": "\x7f\ue000前"}
 
 
+def test_a_refusal_is_one_line_whatever_the_name_of_a_file(tmp_path):
+    said = refused(opid("identify", tmp_path / "one\ntwo\tthree.toml"), "there is no study file")
+    assert "one\\ntwo\\tthree.toml" in said
+
+
 @pytest.mark.parametrize(
     "words",
     [("identify", STEERING), ("inspect", STEERING), (STEERING,), (f"--{STEERING}",), ("identify", f"--{STEERING}")],

@@ -227,7 +227,7 @@ def _plan_flights(
 ) -> tuple[PlannedFlight, ...]:
     documents: dict[Path, Document] = {}
     broken: set[Path] = set()
-    flights: dict[tuple[str, str], PlannedFlight] = {}
+    flights: dict[tuple[str, str], PlannedFlight] = {}  # by names without case, as some disks take them
     for number, row in enumerate(rows, start=1):
         name, tail = str(row.get(NAME, "")), str(row.get(TAIL, ""))
         where = f"flight {name!r}" if name else f"row {number} of the flights"
@@ -239,7 +239,8 @@ def _plan_flights(
             require_plain(NAME, name)
             if tail:
                 require_plain(TAIL, tail)
-            if (tail, name) in flights:
+            key = tail.casefold(), name.casefold()
+            if key in flights:
                 raise InputError("stands in the table twice: give each flight of an aircraft a name of its own")
             if study is None:
                 raise InputError("has no study: give a template, study = \"study.toml\", or a column 'study'")
@@ -249,7 +250,7 @@ def _plan_flights(
                 broken.add(study)  # its faults are told once, and not for each flight
                 documents[study] = _load_study(study)
                 broken.remove(study)
-            flights[tail, name] = _plan_flight(name, tail, row, documents[study], study)
+            flights[key] = _plan_flight(name, tail, row, documents[study], study)
         except InputError as error:
             faults.append(f"{where} {error}" if str(error).startswith(("has ", "stands ")) else f"{where}: {error}")
     return tuple(flights.values())

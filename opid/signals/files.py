@@ -117,7 +117,7 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
         raise InputError(f"cannot write {path}: there is no directory {target.parent}: create it first")
     if target.exists() and not target.is_file():
         raise InputError(f"cannot write {path}: it is a directory or a device: give the name of a file")
-    temporary = target.with_name(f".{_shorten_name(target.name)}.part")
+    temporary = target.with_name(f".{shorten_name(target.name)}.part")
     text = {"encoding": "utf-8", "newline": "\n"} if mode == "w" else {}
     try:
         temporary, alone = _open_alone(temporary, PATIENCE_S, f"write {path}")
@@ -142,8 +142,8 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
         raise InputError(f"cannot write {path}: {error.strerror or error}: choose another place") from error
 
 
-def _shorten_name(name: str) -> str:
-    """Return the name, or a digest of one that has no room for a further ending."""
+def shorten_name(name: str) -> str:
+    """Return the name of a file, or a digest of one that has no room for a further ending."""
     encoded = os.fsencode(name)
     return name if len(encoded) <= _LONGEST_NAME else hashlib.sha256(encoded).hexdigest()
 
@@ -423,7 +423,7 @@ def _list_hidden(target: Path) -> list[Path]:
     """
     whole = Path(os.path.realpath(target))
     above = [part for part in whole.parents if part.is_dir()]
-    named = [part / f".{_shorten_name('.'.join(whole.relative_to(part).parts))}.part" for part in above]
+    named = [part / f".{shorten_name('.'.join(whole.relative_to(part).parts))}.part" for part in above]
     return [whole / _HIDDEN, *named] if whole.is_dir() else named
 
 

@@ -345,6 +345,10 @@ def _join_lines(found: re.Match[str]) -> str:
     return "[" + " ".join(line.strip() for line in found[1].splitlines()).rstrip(",") + "]"
 
 
+_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{device}{number}" for device in ("COM", "LPT") for number in range(1, 10))}
+"""Names that Windows keeps for devices, whatever ending they have."""
+
+
 def require_plain(what: str, name: str) -> None:
     """Refuse a name that cannot be the name of a file beside the study.
 
@@ -353,8 +357,9 @@ def require_plain(what: str, name: str) -> None:
         name: of it.
 
     Raises:
-        InputError: it is empty, or has parts.
+        InputError: it is empty, too long or has parts, or a system that the result may be copied to cannot have it.
     """
     is_long = len(name.encode("utf-8", "replace")) > _LONGEST_NAME
-    if name in ("", ".", "..") or not name.isprintable() or is_long or Path(name).name != name:
+    is_reserved = name.rstrip(". ") != name or name.partition(".")[0].upper() in _RESERVED
+    if not name or not name.isprintable() or is_long or is_reserved or Path(name).name != name or "\\" in name:
         raise InputError(f"the {what} {name!r} cannot name its log: call it by one plain word")
