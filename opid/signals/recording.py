@@ -159,6 +159,9 @@ class Recording:
 def has_usual_size(values: ArrayLike) -> bool:
     """Return whether numbers are finite, and the largest of them is zero or of a size that something real has.
 
+    Args:
+        values: in SI units, of any shape.
+
     >>> has_usual_size([0.0, 1e-80, 2.0]), has_usual_size([0.0]), has_usual_size([1e300]), has_usual_size([np.nan])
     (True, True, False, False)
     """

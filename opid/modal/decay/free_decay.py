@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, get_args
-from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -461,9 +460,10 @@ def _find_curves(
 
 def _fit_curve(x: FloatArray, y: FloatArray, degree: int, weight: FloatArray) -> FloatArray:
     """Return the coefficients of a polynomial, the smallest ones where the amplitudes tell too little."""
-    with catch_warnings():
-        simplefilter("ignore", np.exceptions.RankWarning)
-        return np.polyfit(x, y, degree, w=weight)
+    powers = np.vander(x, degree + 1) * weight[:, None]
+    size = np.linalg.norm(powers, axis=0)
+    found = np.linalg.lstsq(powers / size, weight * y, rcond=x.size * float(np.finfo(float).eps))[0]
+    return np.asarray(found / size)
 
 
 def _measure_swing(amplitude: FloatArray, values: FloatArray, std: FloatArray, least_std: float) -> FloatArray:
