@@ -100,7 +100,8 @@ COMMANDS = {
     "law study": command("law bench.toml", "bench", "bench.toml", weight=6),
     "modes": command("modes impact.csv --drive-point case_x --band 50 500", "modal", "impact.csv", weight=6),
     "modal": command("modal study.toml", "modal", "study.toml", "modes.npz", "modes.npz", "beat_1.csv", weight=8),
-    "modal csv": command("modal csv.toml", "modal", "modes.csv", "modes.csv", "truth.json", weight=6),
+    "modal csv": command("modal csv.toml", "modal", "modes.csv", weight=4),
+    "modal truth": command("modal study.toml --truth truth.json", "modal", "truth.json", weight=2),
     "resonance": command(
         *("resonance study.toml", "levels", "study.toml", "modes.npz", "curve_1.csv", "curve_1.csv"), weight=8
     ),

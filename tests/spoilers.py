@@ -430,7 +430,7 @@ def _archive(members, compression=zipfile.ZIP_DEFLATED):
     return out.getvalue()
 
 
-def _as_npy(array):
+def as_npy(array):
     out = io.BytesIO()
     np.save(out, array, allow_pickle=True)
     return out.getvalue()
@@ -443,7 +443,7 @@ def _changed_array(change):
         members = _members(content)
         name = rng.choice(sorted(members))
         array = np.load(io.BytesIO(members[name]))
-        members[name] = _as_npy(change(array, rng))
+        members[name] = as_npy(change(array, rng))
         return _archive(members.items())
 
     spoil.__name__ = change.__name__
@@ -519,7 +519,7 @@ def put_absurd_header(content, rng):
 def pack_zeros(content, rng):
     """A member of many zeros, which packs to a thousandth."""
     members = _members(content)
-    members[rng.choice(sorted(members))] = _as_npy(np.zeros(rng.choice((3_000_000, 5_000_000))))
+    members[rng.choice(sorted(members))] = as_npy(np.zeros(rng.choice((3_000_000, 5_000_000))))
     return _archive(members.items())
 
 
@@ -550,7 +550,7 @@ def rename_member(content, rng):
 def add_member(content, rng):
     members = _members(content)
     array = rng.choice((np.array([{1: 2}], dtype=object), np.zeros(3), np.array("x"), np.eye(2), np.zeros((2, 2, 2))))
-    members[rng.choice(("further.npy", "part_x.npy", "mass.npy", "x_indptr.npy", "joints.npy"))] = _as_npy(array)
+    members[rng.choice(("further.npy", "part_x.npy", "mass.npy", "x_indptr.npy", "joints.npy"))] = as_npy(array)
     return _archive(members.items())
 
 

@@ -7,7 +7,10 @@ The same examples are drawn each time; `benchmarks/spoiled_inputs.py` runs such 
 import json
 import os
 import random
+import struct
 import warnings
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +21,7 @@ from cli_runs import opid, refused
 from hypothesis import HealthCheck, Phase, given, settings
 from made_chain import curve_of, small_chain
 from small_logs import ended_after
-from spoilers import OF_FORMAT, PLACES, put_nothing, put_unreadable, spoil, spoiled
+from spoilers import OF_FORMAT, PLACES, as_npy, put_nothing, put_unreadable, spoil, spoiled
 from test_planning import FILE
 from test_updating_study_file import STUDY
 
@@ -192,6 +195,43 @@ def test_pointers_of_a_sparse_matrix_that_fall_are_refused(tmp_path):
         np.savez(path, **arrays | {name: wrong})
         with pytest.raises(InputError, match=r"structure\.npz"):
             read_structure(path)
+
+
+HEADERS = (
+    *(b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,)", b"{'descr': '<f8'", b"(" * 5000, b"{[]: 1}", b"'" * 3),
+    *(b"{'descr': [1], 'fortran_order': False, 'shape': (3,)}", b"{'descr': '<f8', 'fortran_order': 0, 'shape': 3}"),
+    *(b"{'descr': '<f8', 'fortran_order': False, 'shape': (1.5,)}", b"\n x", b"{'descr': None}", b"9" * 6000),
+)
+
+
+@pytest.mark.parametrize("head", HEADERS)
+def test_a_header_of_an_array_that_is_none_is_refused(head, tmp_path):
+    """A header is text of Python, for which Python's own parser raises many kinds of exceptions."""
+    content = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + bytes(24)
+    path = tmp_path / "structure.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("mass.npy", content)
+    with pytest.raises(InputError, match=r"structure\.npz: it is no valid"):
+        read_structure(path)
+    path = tmp_path / "mass.npy"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"mass\.npy: it is no valid"):
+        read_structure({"mass": path, "stiffness": path})
+
+
+def test_a_member_without_a_name_is_refused(tmp_path):
+    """Found by atheris: zipfile raised an IndexError."""
+    content = as_npy(np.zeros(3))
+    head = struct.pack(
+        "<IHHHHHIIIHH", 0x04034B50, 20, 0, 0, 0, 0, zlib.crc32(content), len(content), len(content), 0, 0
+    )
+    entry = struct.pack("<IHHHHHHIII", 0x02014B50, 20, 20, 0, 0, 0, 0, zlib.crc32(content), len(content), len(content))
+    entry += struct.pack("<HHHHHII", 0, 0, 0, 0, 0, 0, 0)
+    end = struct.pack("<IHHHHIIH", 0x06054B50, 0, 0, 1, 1, len(entry), len(head) + len(content), 0)
+    path = tmp_path / "modes.npz"
+    path.write_bytes(head + content + entry + end)
+    with pytest.raises(InputError, match=r"modes\.npz: it is no valid \.npz file"):
+        read_modes(path)
 
 
 @pytest.mark.parametrize("schema", [[1], {}, 1, True, "opid.identification/99", "x" * 10_000])

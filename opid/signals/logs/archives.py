@@ -15,6 +15,7 @@ import zlib
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any
 
 from numpy.lib import format as npy
@@ -26,9 +27,11 @@ MEMORY_FRACTION = 0.25
 """Fraction of the memory of the machine that the arrays of an archive may take: an answer needs copies of them."""
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _ENCRYPTED = 0x1
+# numpy and Python read the headers of arrays, which are Python text, and raise any of these for a wrong one
+_OF_HEADERS = (EOFError, ValueError, LookupError, TypeError, SyntaxError, MemoryError, RecursionError, TokenError)
 _DAMAGES = (
-    *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, OverflowError),
-    *(NotImplementedError, RuntimeError, OSError),
+    *(zipfile.BadZipFile, zlib.error, struct.error, OverflowError, NotImplementedError, RuntimeError, OSError),
+    *_OF_HEADERS,
 )
 
 
@@ -110,10 +113,11 @@ def read_array(path: Path) -> NDArray[Any]:
             _require_memory(n_bytes)
             file.seek(0)
             return npy.read_array(file, allow_pickle=False)
-    except (EOFError, ValueError) as error:
+    except _OF_HEADERS as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"it is no valid .npy file ({error}): write it again with numpy.save") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"it is no valid .npy file ({reason}): write it again with numpy.save") from None
 
 
 @dataclass(frozen=True)

@@ -215,7 +215,7 @@ def _read_sparse_npz(path: Path) -> Any:
         try:
             return _make_sparse(compressed[kind], tuple(arrays[piece] for piece in PIECES), shape)
         except InputError as error:
-            raise InputError(f"its arrays {error}") from None
+            raise InputError(f"it cannot be read, its arrays {error}") from None
     if kind == "coo":
         return sparse.coo_matrix((arrays["data"], (arrays["row"], arrays["col"])), shape=shape)
     if kind == "dia":
