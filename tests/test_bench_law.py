@@ -430,7 +430,6 @@ def test_doubtful_records_are_doubted():
     assert "opposite sign" in doubts(v=-one["v"])[0]
     assert "0.0254 times" in doubts(v=0.0254 * one["v"])[0]
     assert "never comes near its zero" in doubts(x=one["x"] + 3)[0]
-    assert "sign of force or travel is reversed" in doubts(F=-one["F"])[0]
 
 
 def test_force_that_is_noise_gives_no_law():

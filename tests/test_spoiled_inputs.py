@@ -440,3 +440,10 @@ def test_a_verbose_command_shows_the_traceback(monkeypatch, tmp_path):
     done = end_by(KeyError("end"), monkeypatch, "--verbose")
     assert "Traceback" in done.stderr
     assert "KeyError: 'end'" in done.stderr
+
+
+@pytest.mark.parametrize("kind", [[("a", "f8"), ("b", "i4")], "M8[s]", "V8"])
+def test_arrays_of_records_and_of_times_are_no_matrices(kind, tmp_path):
+    np.savez(tmp_path / "own.npz", mass=np.zeros((3, 3), dtype=kind), stiffness=np.eye(3))
+    with pytest.raises(InputError, match="'mass' of it holds neither numbers nor text"):
+        read_structure(tmp_path / "own.npz")

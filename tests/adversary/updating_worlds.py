@@ -263,7 +263,7 @@ UPDATING_WORLDS = [
     updating_world("drift of 0.5 %", drift, with_bands=True),
     updating_world("drift of 0.5 %, days stated", lambda curves: drift(curves, has_days=True), with_bands=True),
     updating_world("drift of 2 %", lambda curves: drift(curves, fraction=0.02)),
-    updating_world("controlled sensor clipped", clip(None), must_say="unexplained"),
+    updating_world("controlled sensor clipped", clip(None), must_say="no interval of it holds"),
     updating_world("another sensor clipped", clip("right")),
     updating_world("structure 5 % off, plate", known=lambda: made.system(plate=1.05)),
     updating_world("structure 5 % off, leaves", known=lambda: made.system(leaves=1.05)),

@@ -51,12 +51,18 @@ class Archive:
         """Return the arrays.
 
         Raises:
-            InputError: some hold Python objects.
+            InputError: some hold Python objects, or neither numbers nor text, like times and records.
         """
         if self.pickled:
             raise InputError(
                 f"{', '.join(map(repr, self.pickled))} of it holds Python objects, which are never read: give arrays "
                 "of numbers, and names as text, np.array(names, dtype=str)"
+            )
+        fielded = [name for name, array in self.arrays.items() if array.dtype.kind not in "biufcSU"]
+        if fielded:
+            kind = self.arrays[fielded[0]].dtype
+            raise InputError(
+                f"{', '.join(map(repr, fielded))} of it holds neither numbers nor text ({kind}): give arrays of numbers"
             )
         return self.arrays
 
