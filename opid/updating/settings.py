@@ -124,6 +124,8 @@ class UpdatingThresholds:
     # rms error of the force over the amplitude, as a fraction, that calibration and noise do not explain: dampers of
     # another kind miss it by more
     least_force_misfit: float = 0.03
+    # standard deviations of an error that is stated up to which it may explain a misfit
+    stated_sigma: float = 3.0
     most_force_noise: float = 4.0  # rms error of the force over the noise that is stated, above which it is no noise
     # distances of a band's end from its median beyond which a higher harmonic contradicts the model: about four
     # standard deviations, for the errors of a sensor are common to all of its points, and there are many sensors

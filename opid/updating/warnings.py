@@ -271,9 +271,17 @@ def force_misfit(force: ForceData, error: FloatArray, noise: NoiseSettings) -> l
     """Return the misfit to the work of the force over the amplitude of each mode that has one, as a fraction.
 
     What all curves have alike is judged as `lack_of_fit` does. Few curves cannot tell it from their scatter: there the
-    rms over all points counts that is several times the noise that is stated. `error` is that of `find_force_error`.
+    rms over all points counts that is several times the noise that is stated. What errors that are stated can explain
+    (a floor of the force, for one), up to `stated_sigma` of their standard deviations, is no misfit. `error` is that of
+    `find_force_error`.
     """
-    found = []
+    found, patterns = [], force.place["patterns"] * force.place["common_std"]
+    least_squares = np.linalg.lstsq(
+        np.vstack([patterns / noise.force_noise, np.eye(patterns.shape[1])]),
+        np.concatenate([error / noise.force_noise, np.zeros(patterns.shape[1])]),
+        rcond=None,
+    )[0]
+    error = error - patterns @ np.clip(least_squares, -UPDATING.stated_sigma, UPDATING.stated_sigma)
     most = max(UPDATING.least_force_misfit, UPDATING.most_force_noise * noise.force_noise)
     for number in np.unique(force.of_mode):
         mine = force.of_mode == number
