@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import re
 import shlex
 import sys
 from collections.abc import Iterable
@@ -144,3 +145,25 @@ def list_names(names: Iterable[object], most: int = 6) -> str:
     """
     words = [str(name) for name in names]
     return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
+
+
+INVISIBLE = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ue000-\uf8ff\ufeff]"
+)
+"""A character that steers a terminal, ends a line, turns the order of others, or is none: it shows nothing itself."""
+
+
+def escape_invisible(text: str) -> str:
+    r"""Return a text as any terminal or page may show it: what is invisible stands there as Python writes it.
+
+    A name must not colour a terminal, move its cursor, or show its letters in another order than they have. Ends of
+    lines and tabs stay.
+
+    >>> print(escape_invisible("a\x1b[31mb \u202ec"))
+    a\x1b[31mb \u202ec
+    """
+    return INVISIBLE.sub(_escape_one, text)
+
+
+def _escape_one(found: re.Match[str]) -> str:
+    return found[0] if found[0] in "\n\t" else found[0].encode("unicode_escape").decode("ascii")

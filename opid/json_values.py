@@ -1,4 +1,4 @@
-"""Values that JSON knows, and the text of a JSON file: numbers that are not finite become null."""
+"""Values that JSON knows, and the text of a JSON file, written and read: numbers that are not finite become null."""
 
 from __future__ import annotations
 
@@ -6,9 +6,19 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from opid.errors import INVISIBLE
+from opid.provenance import read_content
+
+LARGEST = 1e100
+"""Size of a number beyond which it is a slip, and its square would soon overflow."""
+
+_MOST_DIGITS = 18
+"""Digits of a whole number: 64 bits hold as many."""
 
 
 def plain(value: Any) -> Any:
@@ -46,8 +56,47 @@ def json_text(document: Mapping[str, Any]) -> str:
     '{\\n  "a": [1, null]\\n}\\n'
     """
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    # a terminal that shows the document shall not be steered by a name in it
+    text = INVISIBLE.sub(lambda found: found[0] if found[0] == "\n" else f"\\u{ord(found[0]):04x}", text)
     # a list of numbers on one line: thousands of lines with one number each help nobody
     return re.sub(r"\[[^\[\]{}\"]*\]", _join_numbers, text) + "\n"
+
+
+def read_json(path: Path) -> Any:
+    """Return what a JSON file holds, whose numbers are finite.
+
+    Args:
+        path: the file.
+
+    Raises:
+        ValueError: it is no JSON; the message is the end of a sentence.
+        InputError: it is no file that can be read whole.
+        OSError: it cannot be read.
+    """
+    try:
+        return json.loads(
+            read_content(path).decode("utf-8"), parse_int=_read_int, parse_float=_read_float, parse_constant=_read_float
+        )
+    except json.JSONDecodeError as error:
+        raise ValueError(f"line {error.lineno}: {error.msg}") from error
+    except UnicodeDecodeError as error:
+        raise ValueError("it is not UTF-8 text") from error
+    except RecursionError as error:
+        raise ValueError("its lists nest too deeply") from error
+
+
+def _read_int(text: str) -> int:
+    if len(text.lstrip("-")) > _MOST_DIGITS:
+        raise ValueError(f"it holds a whole number of {len(text.lstrip('-'))} digits")
+    return int(text)
+
+
+def _read_float(text: str) -> float:
+    if not math.isfinite(value := float(text)):
+        raise ValueError(f"it holds {text[:20]}, and JSON has no number without an end")
+    if abs(value) > LARGEST:
+        raise ValueError(f"it holds {text[:20]}, and no result has a number beyond {LARGEST:g}")
+    return value
 
 
 def _join_numbers(found: re.Match[str]) -> str:

@@ -11,6 +11,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from opid.errors import InputError
+
+MOST_BYTES = 1 << 29
+"""Bytes of a file that is read whole: tables, studies and results are small, and logs are read block by block."""
+
 
 @dataclass(frozen=True)
 class ReadFile:
@@ -33,6 +38,26 @@ def read_file(path: Path) -> ReadFile:
     """
     with path.open("rb") as file:
         return ReadFile(str(path), hashlib.file_digest(file, "sha256").hexdigest())
+
+
+def read_content(path: Path) -> bytes:
+    """Return what a small file holds.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        InputError: it is a directory, a pipe or a device, or too large to be read whole; the path is not in the words.
+        OSError: it cannot be read.
+    """
+    if "\0" in str(path):
+        raise InputError("its name holds a zero byte: give the name of a file")
+    size = path.stat().st_size
+    if not path.is_file():
+        raise InputError("it is a directory, a pipe or a device: give the name of a file")
+    if size > MOST_BYTES:
+        raise InputError(f"it has {size / 1e9:.3g} GB, and at most {MOST_BYTES / 1e9:.3g} GB are read: is it a log?")
+    return path.read_bytes()
 
 
 def time_of_writing() -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from opid.errors import InputError, require
 from opid.estimate import Estimate, rounded, with_std
+from opid.json_values import read_json
 from opid.provenance import ReadFile
 
 if TYPE_CHECKING:
@@ -153,13 +153,15 @@ def load_document(path: Path, commands: Mapping[str, str]) -> dict[str, Any]:
     """
     advice = f"give the {RESULT_FILE} of {' or '.join(f'`opid {each}`' for each in commands.values())}"
     try:
-        document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        document: dict[str, Any] = read_json(path)
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no JSON: {advice}") from error
+    except InputError as error:
+        raise InputError(f"cannot read {path}: {error}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is no JSON ({error}): {advice}") from error
     schema = document.get("schema") if isinstance(document, dict) else None
-    if schema not in commands:
-        has = f"has the schema {schema!r}" if schema is not None else "has no schema"
+    if not isinstance(schema, str) or schema not in commands:
+        has = f"has the schema {_shorten_text(repr(schema))}" if schema is not None else "has no schema"
         raise InputError(f"{path} {has} where {' or '.join(map(repr, commands))} is needed: {advice}")
     return document

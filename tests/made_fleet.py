@@ -69,7 +69,9 @@ def make_campaign(folder: Path, document=None) -> Campaign:
             content = deepcopy(document) | {"date": day(number)}
             stiffness = content["parameters"]["suspension_stiffness_n_per_m"], content["interfaces"][0]["stiffness"]
             for each in stiffness:
-                each["value"] *= 1 - 0.05 * number
+                fall = 0.05 * number * each["value"]
+                each["value"] -= fall
+                each["interval95"] = [end - fall for end in each["interval95"]]
         write_result(folder / place, content | ({"not_determined": reason} if reason else {}))
         flight = read_flight(folder / place / "result.json", name)
         verdict = Verdict.NOT_DETERMINED if reason else Verdict.IDENTIFIED

@@ -19,10 +19,10 @@ BELOW_WINGS = GROUND | {"signals", "mechanics"}
 MAY_IMPORT = {
     "errors": set(),
     "estimate": set(),
-    "json_values": set(),
+    "json_values": {"errors", "provenance"},
     "progress": set(),
-    "provenance": set(),
-    "result": {"errors", "estimate", "provenance"},
+    "provenance": {"errors"},
+    "result": {"errors", "estimate", "json_values", "provenance"},
     "signals": GROUND,
     "mechanics": GROUND | {"signals"},
     "suspensions": BELOW_WINGS,

@@ -140,6 +140,7 @@ def test_what_goes_wrong_outside_is_a_sentence(error, status, word, field_test, 
 def test_a_failure_while_drawing_leaves_no_half_report(field_test, tmp_path, monkeypatch):
     failing = Figure("broken", "", "", _raise(RuntimeError("no figure")))
     monkeypatch.setattr("opid.report.suspensions.identification.list_figures", lambda result, truth: (failing,))
-    with pytest.raises(RuntimeError, match="no figure"):
-        opid("identify", field_test / "study.toml", "--out", tmp_path / "out")
+    done = opid("identify", field_test / "study.toml", "--out", tmp_path / "out")
+    assert done.exit_code == 70
+    assert "(RuntimeError: no figure)" in done.stderr
     assert list(tmp_path.iterdir()) == []

@@ -234,7 +234,10 @@ def test_bad_input_is_one_sentence_each(folder, tmp_path):
         (text.replace('"2026-01-19"', '"5.1.26"'), "date is '5.1.26' where a date like '2026-03-01' is needed"),
         (text.replace('"interfaces": [', '"interfaces": [3, '), r"interfaces\[0\] is 3 where a table is needed"),
         (text.replace('"law": {', '"law": {"gas_column": {}, '), "law.gas_column.static_force_n is missing"),
-        (text.replace('"std": ', '"std": NaN, "other": '), "std is nan where a finite number is needed"),
+        (
+            text.replace('"std": ', '"std": NaN, "other": '),
+            "is no JSON .it holds NaN, and JSON has no number without an end",
+        ),
     ):
         (copy / "result.json").write_text(content)
         with pytest.raises(InputError, match=words):

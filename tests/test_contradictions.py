@@ -8,7 +8,7 @@ import pytest
 
 from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import backbone_data
-from opid.updating.likelihood.contradictions import warn_of_contradictions
+from opid.updating.likelihood.contradictions import find_contradictions
 from opid.updating.likelihood.interactions import adapt_to_class
 from opid.updating.posterior import density_of
 from opid.updating.sampling.evidence import maximum_a_posteriori
@@ -24,7 +24,7 @@ def tell(curves, model_class=made.CUBIC, **settings):
     best = maximum_a_posteriori(density_of(data, model_class).posterior, [1.5], support=support).theta
     data = adapt_to_class(data, model_class, best)
     unfit = find_unfit_modes(data, model_class, best)
-    return list(warn_of_contradictions(data, model_class, best, curves, unfit=unfit))
+    return [each.sentence for each in find_contradictions(data, model_class, best, curves, unfit=unfit)]
 
 
 def scaled(curves, factor, chosen=lambda number, one: True):

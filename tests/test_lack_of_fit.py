@@ -36,7 +36,7 @@ def test_the_right_law_is_not_doubted_and_a_wrong_one_is(form, noise):
         (sentence,) = told(wrong)
         assert "of the measured growth of the frequencies of mode" in sentence
         assert "unexplained, alike in all curves" in sentence
-        assert "this law does not fit the backbones, do not use its intervals" in sentence
+        assert "this law does not fit the backbones, and no interval of it holds" in sentence
 
 
 def test_noise_that_hides_the_misfit_is_no_doubt():

@@ -268,7 +268,7 @@ def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
     source = Path(opid.mechanics.__file__).parent
     (package / "mechanics" / "laws").mkdir(parents=True)
     (package / "__init__.py").touch()
-    for name in ("errors.py", "estimate.py", "provenance.py", "result.py"):
+    for name in ("errors.py", "estimate.py", "json_values.py", "provenance.py", "result.py"):
         shutil.copy(source.parent / name, package / name)
     laws = (f"laws/{each}.py" for each in ("__init__", "kind", "kinds", "law", "memory_kinds"))
     for name in ("__init__.py", "__init__.pyi", *laws):

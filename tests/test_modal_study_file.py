@@ -169,7 +169,7 @@ def test_all_faults_are_said_at_once(logs):
         (MODES + "stiffness_order = 7\n" + TEST, ("stiffness_order is 7",)),
         (MODES + "freelinear = true\n" + TEST, ("unknown key 'freelinear' (did you mean 'free_linear'?)",)),
         (MODES + "damping_threshold = 0\n" + TEST, ("damping_threshold is 0", "give a fraction above 0")),
-        (MODES + "frequency_threshold = nan\n" + TEST, ("frequency_threshold is nan",)),
+        (MODES + "frequency_threshold = nan\n" + TEST, ("is nan, give a number",)),
         (MODES + 'frequency_threshold = "0.2 %"\n' + TEST, ("'frequency_threshold' in [modes]", "give a number")),
         (MODES + TEST + 'use = "truth"\n', ("no test to identify from",)),
         (MODES + TEST + TEST, ("2 tests are called 'beat'",)),

@@ -172,7 +172,7 @@ def test_accessibility_has_no_serious_fault(reader):
 
 
 def test_every_chart_is_drawn_on_paper(browser, page_file, tmp_path):
-    page = browser.new_page()
+    page = browser.new_page(bypass_csp=True)
     page.goto(page_file.as_uri())
     page.wait_for_function("typeof Plotly !== 'undefined'")
     page.pdf(path=tmp_path / "report.pdf", format="A4")
@@ -257,7 +257,7 @@ def test_the_page_of_every_kind_of_result_is_whole(browser, files_of, kind, widt
 @pytest.fixture
 def update(browser, files_of):
     """The page of an updating as it opens, nothing unfolded."""
-    page = browser.new_page(viewport={"width": 1000, "height": 900})
+    page = browser.new_page(bypass_csp=True, viewport={"width": 1000, "height": 900})
     page.goto(files_of("update").as_uri())
     page.wait_for_function("typeof Plotly !== 'undefined'")
     yield page
@@ -299,7 +299,7 @@ def test_paper_has_all_parts_open_and_small_charts_beside_each_other(update):
 
 
 def test_compared_flights_are_sorted_by_a_value(browser, files_of):
-    page = browser.new_page()
+    page = browser.new_page(bypass_csp=True)
     page.goto(files_of("compare").as_uri())
     head = page.locator("table.sorted th", has_text="left stiffness")
     head.locator("button").click()

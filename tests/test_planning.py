@@ -230,6 +230,7 @@ def test_a_guess_is_read(tmp_path):
         ("sprung_mass_kg = 1850", "", "lacks 'sprung_mass_kg'"),
         ("sprung_mass_kg", "sprung_mas_kg", "unknown key 'sprung_mas_kg'"),
         ("arctan_velocity", "arctan_velocty", "arctan_velocity"),
+        ("amplitude_n = 400.0", "amplitude_n = -1", "would drive the gear"),
         ("amplitude_n = 400.0", "", "amplitude_n"),
         ('road_class = "B"', 'road_class = "Q"', "road class 'Q'"),
         ('road_class = "B"', "speed_m_per_s = [0, 0]", "speed_m_per_s"),

@@ -708,7 +708,7 @@ def test_a_truth_keeps_where_its_laws_rest(record, tmp_path):
         ("not JSON", r"is not the truth of a simulated field test, it is not JSON .line 1: .*give the truth.json that"),
         (
             '{"schema": "opid.identification/1"}',
-            "'opid.truth/1' is needed: it is not the truth of a simulated field test",
+            "has the schema 'opid.identification/1' where 'opid.truth/1' is needed",
         ),
         ('{"schema": "opid.truth/1", "parameters": {}}', "it has no 'sprung_mass_kg'"),
         (

@@ -260,7 +260,7 @@ def test_dated_logs_share_their_time(tmp_path):
         (MIXED.replace("[[runs]]", "[channels.lower_z]\nchannel = 1\n[[runs]]"), "are both called"),
         (MIXED.replace("sign = -1", "sign = 3"), r"\[channels.sprung\]: sign is 3"),
         ("[log]\nnames = [1, 2]\n" + MIXED, r"'names' in \[log\] holds 1, give a list of names"),
-        (MIXED + "start_s = nan\n", "start_s is nan: give a time in s"),
+        (MIXED + "start_s = nan\n", r"'start_s' in \[\[runs\]\] 'heavy' is nan, give a number"),
         (
             MIXED.replace('"lower_z"', "{channel = 1}").replace('"az"', '"lower_z"')
             .replace('file = "{run}_airframe.csv"\n', "").replace("shift_s = 0.25\n", ""),

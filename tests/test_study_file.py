@@ -484,7 +484,7 @@ GEAR_FAULTS = [
     ("start_s", "begin_s", r"\[\[runs\]\] 'light' has an unknown key 'begin_s'"),
     ("-220.5", '"-220"', r"'mass_change_kg' in \[\[runs\]\] 'light' is '-220', give a number"),
     ("-220.5", "true", "is True, give a number"),
-    ("-220.5", "nan", "the mass change is nan kg"),
+    ("-220.5", "nan", r"'mass_change_kg' in .* is nan, give a number"),
     ('"a taxi test"', "7", "'title' in the study is 7, give text in quotes"),
     ("[channels]", "[chanels]", r"^[^;]*the study has an unknown key 'chanels' .did you mean 'channels'..$"),
     ("mass_change_kg = -220.5", "mas_change_kg = -220.5", r"^[^;]*'mas_change_kg' .did you mean 'mass_change_kg'..$"),

@@ -256,7 +256,7 @@ def test_coordinates_of_the_sensors_are_read_and_written(place):
         ("d = [0, 0, 0]", "the coordinates name the sensor 'd', which does not exist"),
         ("a = [0, 0]", "give x, y and z of a sensor in m"),
         ('a = [0, 0, 0, "up"]', "give x, y and z of a sensor in m"),
-        ("a = [0, 0, inf]", "give x, y and z in m"),
+        ("a = [0, 0, inf]", "give x, y and z of a sensor in m"),
         ("", "there are no coordinates of the sensors 'a': give those of all sensors, or of none"),
     ],
 )

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from opid.errors import InputError, nearest, refuse
-from opid.signals.files import nearest_beside
+from opid.signals.files import nearest_beside, read_text
 from opid.studies.schema import Document, load, read_tables, require_plain
 from opid.studies.study_file import SUSPENSIONS, kind_of
 from opid.suspensions.settings import METHODS_OF_LAW
@@ -159,13 +159,13 @@ def read_rows(path: Path) -> list[dict[str, Cell]]:
             more cells than the head, or a quotation mark that is not closed.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
     except OSError as error:
         raise InputError(
             f"cannot read the table of flights {path}: {error.strerror}{nearest_beside(path, ('.csv',))}"
         ) from error
-    except ValueError as error:  # the text is no UTF-8, or the name holds a zero byte
-        raise InputError(f"the table of flights {path} is no UTF-8 text: give a CSV file") from error
+    except InputError as error:
+        raise InputError(f"cannot read the table of flights {path}: {error}") from error
     is_comma = ";" in text.partition("\n")[0]
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if is_comma else ",", strict=True)
     try:
@@ -227,7 +227,7 @@ def _plan_flights(
 ) -> tuple[PlannedFlight, ...]:
     documents: dict[Path, Document] = {}
     broken: set[Path] = set()
-    flights: dict[tuple[str, str], PlannedFlight] = {}
+    flights: dict[tuple[str, str], PlannedFlight] = {}  # by names without case, as some disks take them
     for number, row in enumerate(rows, start=1):
         name, tail = str(row.get(NAME, "")), str(row.get(TAIL, ""))
         where = f"flight {name!r}" if name else f"row {number} of the flights"
@@ -239,7 +239,8 @@ def _plan_flights(
             require_plain(NAME, name)
             if tail:
                 require_plain(TAIL, tail)
-            if (tail, name) in flights:
+            key = tail.casefold(), name.casefold()
+            if key in flights:
                 raise InputError("stands in the table twice: give each flight of an aircraft a name of its own")
             if study is None:
                 raise InputError("has no study: give a template, study = \"study.toml\", or a column 'study'")
@@ -249,7 +250,7 @@ def _plan_flights(
                 broken.add(study)  # its faults are told once, and not for each flight
                 documents[study] = _load_study(study)
                 broken.remove(study)
-            flights[tail, name] = _plan_flight(name, tail, row, documents[study], study)
+            flights[key] = _plan_flight(name, tail, row, documents[study], study)
         except InputError as error:
             faults.append(f"{where} {error}" if str(error).startswith(("has ", "stands ")) else f"{where}: {error}")
     return tuple(flights.values())

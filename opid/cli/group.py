@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.errors import InputError, NotDeterminedError
+from opid.errors import InputError, NotDeterminedError, escape_invisible, list_names
 from opid.progress import Say, Step
 
 if TYPE_CHECKING:
@@ -29,8 +30,20 @@ if TYPE_CHECKING:
     from opid.signals.files import ReservedDirectory
 
 
-PATH = click.Path(path_type=Path)
+class _Path(click.Path):
+    """A path, which has no zero byte."""
 
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the text as a path."""
+        if "\0" in str(value):
+            self.fail(f"{str(value)!r} holds a zero byte: give a path without one", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = _Path(path_type=Path)
+
+_OF_CLICK = (click.ClickException, click.exceptions.Exit, click.Abort)
+_LONGEST_WORD, _LONGEST_LINE, _LONGEST_REASON = 300, 1500, 200
 _PAUSE_S = 0.01  # before a signal is sent once more: what was destroyed is gone by then
 
 
@@ -105,16 +118,53 @@ class OfWords(click.Choice[str]):
         return super().convert(value.replace(" ", "-"), param, ctx).replace("-", " ")
 
 
-class BadInput(click.ClickException):
+def as_line(text: str) -> str:
+    """Return a sentence as one line that any terminal shows: a name in it may hold anything, at any length.
+
+    >>> as_line("there is no file a\x1b[31m\nb")
+    'there is no file a\\x1b[31m b'
+    """
+    words = (_shorten(word, _LONGEST_WORD) for word in printable(text).split())
+    return _shorten(" ".join(words), _LONGEST_LINE)
+
+
+def _shorten(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most // 2]}...{text[-most // 2 :]}"
+
+
+class _Sentence(click.ClickException):
+    """A reason why a command ends, as one line that any terminal shows."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(as_line(message))
+
+
+class BadInput(_Sentence):
     """The input cannot be used."""
 
     exit_code = 2
 
 
-class NotDetermined(click.ClickException):
+class NotDetermined(_Sentence):
     """The data do not determine the answer."""
 
     exit_code = 1
+
+
+class Unexpected(_Sentence):
+    """opid itself is at fault: its message says where, and how to report it."""
+
+    exit_code = 70  # as sysexits.h has it
+
+    def __init__(self, error: Exception) -> None:
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [each for each in frames if Path(each.filename).is_relative_to(Path(__file__).parents[1])]
+        where = f" in {Path(own[-1].filename).name}, line {own[-1].lineno}" if own else ""
+        said = " ".join(str(error).split())[:_LONGEST_REASON]
+        super().__init__(
+            f"opid itself failed{where} ({type(error).__name__}{': ' if said else ''}{said}), and there is no answer: "
+            "report this line and the command to the authors of opid, with the files if you can; --verbose prints more"
+        )
 
 
 class Interrupted(click.ClickException):
@@ -165,10 +215,24 @@ def _end_cleanly() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def _escape(error: click.ClickException) -> click.ClickException:
+    """Return what click says of a command line, whose words must not steer the terminal."""
+    said = as_line(error.format_message())
+    error.format_message = lambda: said  # type: ignore[method-assign]
+    return error
+
+
 class Commands(click.Group):
     """Where the input or the data are at fault, these commands end with a sentence instead of a traceback."""
 
     group_class = type
+
+    def make_context(self, *args: Any, **settings: Any) -> click.Context:
+        """Read the words of the command line."""
+        try:
+            return super().make_context(*args, **settings)
+        except click.ClickException as error:
+            raise _escape(error) from None
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands with their whole summaries, which click would shorten to one line each."""
@@ -185,6 +249,8 @@ class Commands(click.Group):
         try:
             with _end_cleanly():
                 return super().invoke(context)
+        except click.ClickException as error:
+            raise _escape(error) from None
         except InputError as error:
             raise BadInput(str(error)) from error
         except NotDeterminedError as error:
@@ -201,6 +267,10 @@ class Commands(click.Group):
             raise Interrupted("interrupted") from error
         except _EndedError as error:
             raise Ended("ended by a signal of the system") from error
+        except (click.exceptions.Exit, click.Abort):
+            raise
+        except Exception as error:
+            raise Unexpected(error) from error
 
 
 @click.group(
@@ -231,7 +301,7 @@ def main() -> None:
 
 def result_name(path: Path) -> str:
     """Return the name of a result: that of its study file, or that of its directory if the file is study.toml."""
-    return path.stem if path.name != "study.toml" else path.resolve().parent.name or path.stem
+    return path.stem if path.name != "study.toml" else Path(os.path.realpath(path)).parent.name or path.stem
 
 
 REPORT = ("result.json", "report.html")
@@ -347,6 +417,18 @@ class Output:
         """Show the step that is under way, every step with --verbose, none with --quiet."""
         return steps() if self.verbose else progress(quiet=self.quiet)
 
+    @staticmethod
+    @contextmanager
+    def name_files(*paths: Path) -> Iterator[None]:
+        """Put the files that a command reads before the reason why they cannot be used, if it names no file."""
+        try:
+            yield
+        except InputError as error:
+            # what cannot be written comes from the system, and names the folder
+            if isinstance(error.__cause__, OSError) or any(str(path) in str(error) for path in paths):
+                raise
+            raise InputError(f"{list_names(paths)}: {error}") from error
+
     def write(
         self,
         result: Result,
@@ -386,7 +468,7 @@ class Output:
         elif self.has_text:
             click.echo(text(result, truth))
             for note in notes:
-                click.echo(note)
+                click.echo(printable(note))
         reason = getattr(result, "not_determined", None)
         if reason:
             raise NotDetermined(
@@ -403,12 +485,12 @@ class Output:
             made = {"made": words.splitlines(), "study": str(study), "truth": str(truth), "next": again}
             click.echo(printable(json_text(made)), nl=False)
         elif self.has_text:
-            click.echo(f"{words}\nNext: {again}")
+            click.echo(printable(f"{words}\nNext: {again}"))
 
 
 def printable(text: str) -> str:
-    """Return a text as any terminal can show it: the name of a file may be no UTF-8."""
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+    """Return a text as any terminal can show it: the name of a file may be no UTF-8, or steer a terminal."""
+    return escape_invisible(text)
 
 
 def with_output(command: Callable[..., None]) -> Callable[..., None]:
@@ -464,13 +546,18 @@ def steps() -> Iterator[Say]:
     start, logger = time.monotonic(), logging.getLogger("opid")
 
     def say(step: str) -> None:
-        click.echo(f"{time.monotonic() - start:7.1f} s  {step}", err=True)
+        click.echo(printable(f"{time.monotonic() - start:7.1f} s  {step}"), err=True)
 
     shown, before = _LogAsSteps(say), logger.level
     logger.addHandler(shown)
     logger.setLevel(logging.DEBUG)
     try:
         yield say
+    except (InputError, NotDeterminedError, OSError, MemoryError, *_OF_CLICK):
+        raise
+    except Exception:
+        click.echo(traceback.format_exc(), err=True)
+        raise
     finally:
         logger.removeHandler(shown)
         logger.setLevel(before)
@@ -499,7 +586,7 @@ def progress(*, quiet: bool = False) -> Iterator[Say]:
         name, fraction = (step.name, step.fraction) if isinstance(step, Step) else (step, None)
         # Steps that count on from each other, like the tests of a series, share one clock and one bar.
         goes_on = fraction is not None and line.bar_format == COUNTED and fraction >= line.n
-        line.set_description_str(name, refresh=False)
+        line.set_description_str(printable(name), refresh=False)
         line.bar_format = UNCOUNTED if fraction is None else COUNTED
         line.n = fraction or 0.0
         if not goes_on:  # The time that is left is estimated from what is done from here on.

@@ -51,6 +51,7 @@ def inspect(
     """
     from opid.report import text
     from opid.report.health import say_channels_left_out
+    from opid.signals.files import shorten_name
     from opid.signals.health.result import Inspection
     from opid.signals.log import AS_WRITTEN, LogSettings
 
@@ -64,7 +65,7 @@ def inspect(
     if study is not None and units != AS_WRITTEN:
         raise click.UsageError(f"--study {study} says how its logs are read: leave --unit and --time-unit out")
     readings = [(log, reading) for log in dict.fromkeys(logs) for reading in _choose_readings(log, study, units)]
-    names = [log.stem for log, _ in readings]
+    names = [shorten_name(log.stem) for log, _ in readings]
     stems_of_pictures = dict.fromkeys(names + _number_alike(names))
     pictures = [f"{stem}{end}.png" for stem in stems_of_pictures for end in ("", "_part1", "_orientation")]
     output = output.reserve((*REPORT, *pictures))
@@ -77,7 +78,7 @@ def inspect(
         try:
             with output.progress() as say:
                 found.append(replace(_check_log(log, reading, study, say), log=title))
-            stems.append(log.stem)
+            stems.append(shorten_name(log.stem))
         except InputError as error:
             failures.append(str(error))
             continue
@@ -96,7 +97,7 @@ def inspect(
         elif output.has_text and notes:
             click.echo(printable("\n" + "\n".join((*notes, *filter(None, left_out)))))
     for failure in failures[:-1]:
-        click.echo(f"Error: {failure}", err=True)
+        click.echo(printable(f"Error: {failure}"), err=True)
     if failures:
         raise BadInput(failures[-1])
 

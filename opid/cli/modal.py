@@ -99,7 +99,7 @@ def modal(study: Path, truth: Path | None, output: Output, **settings: Any) -> N
     output = output.reserve(default=f"{result_name(study)}_result")
     known = None if truth is None else read_truth(truth, ModalTruth)
     given = {name: value for name, value in settings.items() if value is not None}
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(study):
         tests = replace(read_study(study, kind=ModalStudy, progress=say), **given)
         result = identify_modes(tests, progress=say)
         notes = output.write(result, known, command=write_command(result, given), progress=say)
@@ -147,7 +147,7 @@ def modes(logs: tuple[Path, ...], stages: tuple[str, ...], output: Output, **set
 
     names = [f"modes_{number}.csv" for number in range(1, len({*stages}) + 1)] or ["modes.csv"]
     output = output.reserve((*REPORT, *names))
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(*logs):
         found = _find_stages(logs, stages, settings, say) if stages else _find_modes(logs, settings, say)
         with output.together(("modes.csv", "modes_[0-9]*.csv")) as folder:
             notes = output.write(found, progress=say)
@@ -271,7 +271,7 @@ def resonance(
 
     output = output.reserve(default=f"{result_name(study)}_result")
     known = None if truth is None else read_truth(truth, ModalTruth)
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(study):
         tests = read_study(study, kind=ModalStudy, progress=say)
         if mode is None:
             every = identify_resonances(tests, hold_out=hold_out, free_mass=free_mass, progress=say)
@@ -342,7 +342,7 @@ def decay(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
     if twice := sorted({str(log) for log in logs if logs.count(log) > 1}):
         raise click.UsageError(f"{', '.join(twice)} is given twice: a log is no repeat of itself; give each log once")
     output = output.reserve()
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(*logs):
         try:
             found = _follow_decays(logs, settings, say)
         except InputError as error:

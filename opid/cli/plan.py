@@ -63,7 +63,7 @@ def plan(
     from opid.suspensions.study import Study
 
     output = output.reserve(default=f"{result_name(source)}_plan")
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(source):
         known = read_guess(source) if is_guess(source) else read_study(source, kind=Study, progress=say)
         space = SearchSpace() if isinstance(known, Study) else known.search
         space = replace(

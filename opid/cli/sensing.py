@@ -124,7 +124,7 @@ def sense(
         ("result.json", "report.html", *([] if written else [LOG_FILE])),
         default=f"{log.stem if log else result_name(file)}_sensors",
     )
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(file, result, *([log] if log else [])):
         fits = read_fits(result)
         read = read_study(file, kind=Study, progress=say)
         wanted = run if log is None else read_further_run(
@@ -185,7 +185,7 @@ def wheel(study: Path, result: Path, output: Output) -> None:
 
     file = study / "study.toml" if (study / "study.toml").is_file() else study
     output = output.reserve(default=f"{result_name(file)}_wheel")
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(file, result):
         fits = read_fits(result)
         found = identify_wheel(read_study(file, kind=Study, progress=say), fits, progress=say)
         notes = output.write(found, command=["opid", "wheel", str(file), str(result)], progress=say)

@@ -195,7 +195,7 @@ def identify(
     settings: dict[str, Any] = {"method": method, "law": law, "ground": not no_ground, "method_of_law": method_of_law}
     settings |= {} if band is None else {"band_hz": band}
     settings |= {} if high_pass is None else {"high_pass_hz": high_pass}
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(*paths):
         study = _read_paths(paths, of_logs, say)
         result = identify_study(study, progress=say, **settings)
         notes = output.write(result, known, progress=say)
@@ -351,7 +351,7 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
             "or give a study"
         )
     output = output.reserve()
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(bench):
         say("the record")
         study = (
             read_study(bench, kind=BenchStudy, progress=say)

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from opid.cli.group import PATH, Output, example, main, out_option, result_name, truth_option, with_output
+from opid.errors import InputError, list_names
 
 if TYPE_CHECKING:
+    from opid.mechanics.truth import UpdatingTruth
     from opid.updating.result import Updating
     from opid.updating.structure.reduction import ReductionErrors
     from opid.updating.study import UpdatingStudy
@@ -76,14 +78,26 @@ def update(study: Path, truth: Path | None, chains: bool, output: Output, **sett
     if chains:
         require_arviz()
     given = {name: value for name, value in settings.items() if value is not None}
-    with output.progress() as say:
+    with output.progress() as say, output.name_files(study):
         tests = replace(read_study(study, kind=UpdatingStudy, progress=say), **given)
+        if known is not None:
+            _require_joints(tests, known, truth)
         found = update_study(tests, progress=say)
         result = replace(found, reductions=_compare_reductions(tests, found))
         with output.together(CHAIN_FILES):
             notes = output.write(result, known, progress=say)
             files = write_chains(result, output.place) if chains else ()
     output.show(result, known, notes=(*notes, *(f"Chains: {file}" for file in files)))
+
+
+def _require_joints(study: UpdatingStudy, known: UpdatingTruth, truth: Path | None) -> None:
+    """Refuse a truth that is of another structure, whose joints have other names."""
+    without = [joint for joint in study.structure.joints if joint not in known.laws]
+    if without:
+        raise InputError(
+            f"{truth} has the laws of the joints {list_names(known.laws)}, and the study has {list_names(without)}: "
+            "give the truth that was written beside this study, or leave it out"
+        )
 
 
 def _compare_reductions(study: UpdatingStudy, result: Updating) -> tuple[ReductionErrors, ...]:

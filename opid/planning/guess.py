@@ -88,6 +88,12 @@ class GuessedGear:
             return heavier * float(getattr(_NOMINAL, name)) if given is None else float(given)
 
         law: Law = law_from_parameters("+".join(self.law), self.law) if self.law else LINEAR
+        for term in law.terms:
+            if term.kind.is_friction and not term.values[0] > 0:
+                raise InputError(
+                    f"the force of the friction {term.kind.name} is {term.values[0]:g} N, which would drive the gear: "
+                    "give a positive one"
+                )
         return LandingGear(
             sprung_mass_kg=mass_kg,
             suspension_stiffness_n_per_m=float(self.suspension_stiffness_n_per_m),

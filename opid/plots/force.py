@@ -35,6 +35,7 @@ from opid.plots.style import (
     house_style,
     panels,
     require_answer,
+    take_axes,
     thicken,
     thin_samples,
 )
@@ -61,6 +62,7 @@ def restoring_force_surface(run: RunEvidence, ax: Any = None) -> Axes:
         if ax is None:
             ax = Figure(figsize=(6.4, 4.6)).add_axes((0.02, 0.02, 0.94, 0.98), projection="3d")
         assert isinstance(ax, Axes3D)
+        take_axes([ax])
         travel, velocity = run.binned.centres
         faces = _list_faces(np.stack([1e3 * travel, velocity, run.binned.mean], axis=-1))
         limit = float(np.nanmax(np.abs(run.binned.mean)))

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Sequence
+import unicodedata
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,11 +16,20 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, fontManager, get_font
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.text import Text
+from matplotlib.ticker import (
+    FixedFormatter,
+    FixedLocator,
+    FuncFormatter,
+    LogFormatterSciNotation,
+    LogLocator,
+    NullFormatter,
+)
 
-from opid.errors import NotDeterminedError
+from opid.errors import INVISIBLE, NotDeterminedError
 from opid.estimate import RAISED, format_number
 from opid.mechanics.truth import TaxiTruth
 from opid.suspensions.paper.chain import RunEvidence
@@ -52,6 +64,9 @@ STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.formatter.useoffset": False,
+    "axes.formatter.use_mathtext": False,
+    # a "$" in the name of a run is a dollar
+    "text.parse_math": False,
     "grid.color": "#E4E4E4",
     "grid.linewidth": 0.7,
     "xtick.color": INK,
@@ -70,11 +85,31 @@ STYLE: Any = {
 }
 
 
+_DRAWN: ContextVar[list[Axes]] = ContextVar("drawn")
+
+
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw in the house style within the block; the settings of the user hold again after it."""
-    with rc_context(STYLE):
-        yield
+    """Draw in the house style within the block; the settings of the user hold again after it.
+
+    When the block ends, every text of the Axes that `panels` or `take_axes` gave is made fit for a figure: this is the
+    one place where names of the user are shortened, and lose what no font can draw.
+    """
+    drawn: list[Axes] = []
+    token = _DRAWN.set(drawn)
+    try:
+        with rc_context(STYLE):
+            yield
+            for ax in dict.fromkeys(drawn):
+                _mend_texts(ax)
+    finally:
+        _DRAWN.reset(token)
+
+
+def take_axes(axes: Iterable[Axes]) -> None:
+    """Let the house style mend the texts of these Axes when its block ends."""
+    if (drawn := _DRAWN.get(None)) is not None:
+        drawn.extend(axes)
 
 
 def panels(
@@ -98,10 +133,13 @@ def panels(
     """
     if axes is None:
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
-        return figure.subplots(rows, columns, squeeze=False, **settings)
+        made: np.ndarray = figure.subplots(rows, columns, squeeze=False, **settings)
+        take_axes(made.ravel())
+        return made
     given = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()
     if given.size != rows * columns:
         raise ValueError(f"{given.size} Axes are given and the figure has {rows} x {columns}")
+    take_axes(given)
     return given.reshape(rows, columns)
 
 
@@ -239,12 +277,22 @@ def thicken(legend: Legend) -> None:
             handle.set_alpha(1)
 
 
-def format_units(unit: str) -> str:
+_UNIT = r"(?<![^\W\d_])(?:[kMGmµucdn]?(?:m|s|g|N|Hz|Pa|V|J|W|A|rad)|in|ft|lbf|K)"
+
+
+def format_units(unit: str, *, only: bool = False) -> str:
     """Return a unit, or a text with units, in print.
 
-    >>> format_units("N s^2/m^2")
-    'N s²/m²'
+    Args:
+        unit: the text.
+        only: whether nothing but a power or a product of known units is changed, because the text may be a name.
+
+    >>> format_units("N s^2/m^2"), format_units("a*b^2, kg*m^2", only=True)
+    ('N s²/m²', 'a*b^2, kg·m²')
     """
+    if only:
+        powers = rf"{_UNIT}\^(?:\d+(?:\.\d+)?(?:/2)?|n)(?!\w)|{_UNIT}\*(?={_UNIT}(?!\w))"
+        return re.sub(powers, lambda found: format_units(found[0]), unit)
     # exponents like "^2.5" and "^n" count, too: a raised point does not exist, so that a dot above stands for it
     raised = re.sub(r"\^(\d+(?:\.\d+)?|n)", lambda power: power[1].translate(RAISED), unit.replace("kg^1/2", "√kg"))
     return raised.replace("*", "·")
@@ -255,3 +303,166 @@ def plain_numbers(axis: Axis) -> None:
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: format_number(value)))
     axis.set_minor_formatter(NullFormatter())
+
+
+# ---- texts that hold names of the user ---------------------------------------------------------------
+
+LONGEST_WORD, LONGEST_LINE, MOST_LINES = 30, 84, 8
+"""Letters of a word and of a line of a figure, and its lines: a longer one would leave no room for the curves."""
+
+LONGEST_ENTRY, LONGEST_NOTE = 48, 30
+"""Letters of an entry of a legend, and of a name at a point: both lie over the curves, or beside others."""
+
+LONGEST_NAMES = (56, 30, 20)
+"""Letters of a name at a row where one, two, or more panels stand beside each other: it takes its room from them."""
+
+LETTER_IN, LEAST_TITLE = 0.08, 30
+"""Mean width of a bold letter of 10 points, inches, and the letters of a title that a panel has room for
+in any case: a title may be as long as its panel is wide."""
+
+LACKING = "□"
+"""What is drawn in the place of a character that no font has."""
+
+# Families with the scripts that the font of matplotlib lacks, on the usual systems. Fonts of coloured emoji are not
+# among them: matplotlib cannot draw those.
+_OTHER_FAMILIES = (
+    "Noto Sans CJK SC", "Noto Sans CJK JP", "Noto Sans CJK KR", "Noto Sans SC", "Noto Sans JP", "Noto Sans KR",
+    "Source Han Sans SC", "WenQuanYi Zen Hei", "WenQuanYi Micro Hei", "IPAGothic", "NanumGothic", "Droid Sans Fallback",
+    "Microsoft YaHei", "Yu Gothic", "Malgun Gothic", "PingFang SC", "Hiragino Sans", "Apple SD Gothic Neo",
+    "Arial Unicode MS", "Noto Sans Devanagari", "Noto Sans Thai", "Noto Sans Hebrew", "Noto Sans Arabic", "Noto Emoji",
+    "Segoe UI Symbol", "Symbola", "FreeSans", "FreeSerif", "Unifont",
+)  # fmt: skip
+
+
+class PlainPowers(LogFormatterSciNotation):
+    """Powers of ten at a logarithmic axis with raised digits, which need no mathematics of matplotlib."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Return the text of a tick."""
+        found = re.search(r"(?:(-?[\d.]+)\s*\\times\s*)?10\^\{(-?\d+)\}", text := super().__call__(x, pos))
+        if not found:
+            return re.sub(r"\$|\\mathdefault\{([^}]*)\}", r"\1", text)
+        factor = f"{found[1]}×" if found[1] else ""
+        return f"{factor}10{found[2].translate(RAISED)}"
+
+
+class NamedTicks(FixedFormatter):
+    """Names at an axis as a figure shows them, which remembers them as a page can show them."""
+
+    def __init__(self, names: Sequence[str], written: Sequence[str]) -> None:
+        super().__init__(names)
+        self.written = list(written)
+
+
+def shorten(text: str, most: int = LONGEST_LINE) -> str:
+    """Return a text for a figure: long words and lines lose their middle, and what is invisible is left out.
+
+    >>> shorten("run 'a" + 1000 * "b" + "c'"), len(shorten(1000 * "ab "))
+    ("run 'abbbbbbbbbbbbbbbbb…bbbbbbbbc'", 84)
+    """
+    lines = [INVISIBLE.sub("", line.replace("\t", " ")) for line in re.split(r"\r\n|[\n\r]", text)]
+    kept = lines[:MOST_LINES] if len(lines) <= MOST_LINES else [*lines[: MOST_LINES - 1], "…"]
+    word = min(most, LONGEST_WORD)
+    return "\n".join(_cut(" ".join(_cut(each, word) for each in line.split(" ")), most) for line in kept)
+
+
+def _cut(text: str, most: int) -> str:
+    """Return a text whose middle is left out where it is longer: the end tells apart what begins alike."""
+    n_last = most // 3
+    return text if len(text) <= most else f"{text[: most - n_last - 1]}…{text[len(text) - n_last :]}"
+
+
+def read_text(text: Text) -> str:
+    """Return a text of a figure as a page can show it, which has fonts for every script."""
+    return str(text.get_gid() or text.get_text())
+
+
+def _mend_texts(ax: Axes) -> None:
+    """Shorten the texts of an Axes, of its legend and colour bars, and draw those characters that a font has."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    bars = [each for each in figure.axes if getattr(each, "_colorbar", None) is not None]
+    spec = ax.get_subplotspec()
+    beside = 1 if spec is None else spec.get_gridspec().ncols
+    n_columns = 1 if spec is None else len(spec.colspan)
+    room_in = figure.get_figwidth() * n_columns / beside - 0.4
+    title = min(LONGEST_LINE, max(int(room_in / LETTER_IN), LEAST_TITLE))
+    for artist in ax.get_children():
+        label = artist.get_label()
+        if isinstance(label, str) and not label.startswith("_") and label != (short := shorten(label, LONGEST_ENTRY)):
+            artist.set_label(short)
+    for legend in (ax.get_legend(), *figure.legends):
+        for each in () if legend is None else legend.get_texts():
+            _mend_text(each, LONGEST_ENTRY)
+    any_axes: Any
+    for any_axes in (ax, *bars):
+        for text in (any_axes.title, any_axes._left_title, any_axes._right_title):
+            _mend_text(text, title)
+        for text in any_axes.texts:
+            _mend_text(text, LONGEST_NOTE)
+        for axis in any_axes._axis_map.values():
+            _mend_text(axis.label, max(title, LONGEST_ENTRY))
+            _mend_ticks(axis, LONGEST_NAMES[min(beside, 3) - 1])
+
+
+def _mend_text(text: Text, most: int) -> None:
+    written = shorten(text.get_text(), most)
+    shown, families = _find_glyphs(written, text.get_fontproperties())
+    if families:
+        text.set_fontfamily(families)
+    if shown != text.get_text():
+        text.set_text(shown)
+    if shown != written:
+        text.set_gid(written)
+
+
+def _mend_ticks(axis: Any, most: int) -> None:
+    """Mend the names at an axis, and write its powers of ten without mathematics."""
+    for is_minor, formatter in ((False, axis.get_major_formatter()), (True, axis.get_minor_formatter())):
+        if type(formatter) is LogFormatterSciNotation:
+            same: Any = formatter
+            plain = PlainPowers(same._base, same.labelOnlyBase, same.minor_thresholds, same._linthresh)
+            (axis.set_minor_formatter if is_minor else axis.set_major_formatter)(plain)
+    locator, formatter = axis.get_major_locator(), axis.get_major_formatter()
+    if not isinstance(locator, FixedLocator) or isinstance(formatter, NamedTicks | NullFormatter):
+        return
+    texts = formatter.format_ticks(locator())
+    written = [shorten(each, most if axis.axis_name == "y" else min(most, LONGEST_NAMES[1])) for each in texts]
+    found = [_find_glyphs(each, axis.label.get_fontproperties()) for each in written]
+    shown = [each for each, _ in found]
+    if shown != list(texts):
+        axis.set_major_formatter(NamedTicks(shown, written))
+    families = next((each for _, each in found if each), None)
+    for tick, name in zip(axis.get_major_ticks(len(shown)), shown, strict=False) if shown != list(texts) else ():
+        tick.label1.set_text(name)
+    if families:
+        axis.set_tick_params(labelfontfamily=families)
+
+
+def _find_glyphs(text: str, font: FontProperties) -> tuple[str, list[str]]:
+    """Return a text without the characters that no font has, and the families that it needs beside the usual one."""
+    if text.isascii():
+        return text, []
+    known = _list_glyphs(findfont(font))
+    if not (lacking := {ord(each) for each in text} - known - {10}):
+        return text, []
+    families = []
+    for family in _find_families():
+        if found := lacking & _list_glyphs(findfont(family)):
+            lacking -= found
+            families.append(family)
+    composed = dict.fromkeys(lacking, LACKING) | {
+        each: None for each in lacking if unicodedata.category(chr(each)) in ("Mn", "Me", "Cf")
+    }
+    return text.translate(composed), [*font.get_family(), *families] if families else []
+
+
+@cache
+def _list_glyphs(path: str) -> frozenset[int]:
+    return frozenset(get_font(path).get_charmap())
+
+
+@cache
+def _find_families() -> tuple[str, ...]:
+    there = {each.name for each in fontManager.ttflist}
+    return tuple(each for each in _OTHER_FAMILIES if each in there)

@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Collection, Iterator, Sequence
 from itertools import zip_longest
 
+from opid.errors import escape_invisible
 from opid.report.document import Block, Column, Document, Paragraph, Remarks, Row, Table, end_sentence
 from opid.report.formulas import write_plain
 
@@ -42,7 +43,7 @@ def lay_out_text(document: Document) -> str:
     for file in document.command or ():  # a title may name what the command reads
         title = title.replace(file, file.replace(" ", _NO_BREAK))
     blocks = [wrap_text(title), wrap_text(answer), *map(_lay_out_block, document.blocks)]
-    return "\n\n".join("\n".join(lines) for lines in blocks if lines) + "\n"
+    return escape_invisible("\n\n".join("\n".join(lines) for lines in blocks if lines) + "\n")
 
 
 def _lay_out_block(block: Block) -> list[str]:
@@ -58,13 +59,18 @@ def _lay_out_block(block: Block) -> list[str]:
 
 def _lay_out_table(table: Table) -> list[str]:
     """The aligned rows below the names of their columns, with an empty line before each heading."""
-    rows = table.rows[: table.most_in_text]
+    rows = [tuple(map(_write_cell, row)) for row in table.rows[: table.most_in_text]]
     lines = _lay_out_rows([tuple(column.head for column in table.columns), *(r for r in rows if len(r) > 1)], table)
     text = next(lines)
     for row in rows:
         text += next(lines) if len(row) > 1 else ["", *wrap_text(row[0])]
     more = len(table.rows) - len(rows)
     return text + [f"and {more} more in the report"] * (more > 0)
+
+
+def _write_cell(cell: str) -> str:
+    """Return a cell in one line."""
+    return re.sub(r"[\n\r\t]", lambda found: repr(found[0])[1:-1], cell)
 
 
 def _lay_out_rows(rows: Sequence[Row], table: Table) -> Iterator[list[str]]:

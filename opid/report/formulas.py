@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from html import escape
 
-# no text of a user holds these characters, which mean nothing outside this package
+# these characters mean nothing outside this package; a name that holds them makes no more than a formula
 _BEGIN, _END = "\ue010", "\ue011"
 _FORMULA = re.compile(f"{_BEGIN}(.*?){_END}")
 
@@ -70,11 +71,31 @@ def write_html(text: str, write_words: Callable[[str], str]) -> str:
     """
     if _BEGIN not in text:
         return write_words(text)
-    from latex2mathml.converter import convert
-
     words = _FORMULA.split(text)
     # formulas stand at the odd indices
-    return "".join(
-        convert(part).replace(' xmlns="http://www.w3.org/1998/Math/MathML"', "", 1) if k % 2 else write_words(part)
-        for k, part in enumerate(words)
-    )
+    return "".join(_write_mathml(part) if k % 2 else write_words(part) for k, part in enumerate(words))
+
+
+_ELEMENTS = {
+    *("math", "mrow", "mi", "mn", "mo", "ms", "mtext", "mspace", "msup", "msub", "msubsup", "mfrac", "msqrt", "mroot"),
+    *("mover", "munder", "munderover", "mtable", "mtr", "mtd", "mstyle", "mpadded", "mphantom", "menclose"),
+}
+_ATTRIBUTES = {
+    *("display", "stretchy", "fence", "form", "separator", "mathvariant", "columnalign", "rowspacing", "columnspacing"),
+    *("linethickness", "width", "minsize", "maxsize", "accent", "movablelimits"),
+}
+
+
+def _write_mathml(latex: str) -> str:
+    """Return a formula as MathML, or as a text where it would become anything else: latex2mathml escapes no texts."""
+    from xml.etree import ElementTree
+
+    from latex2mathml.converter import convert
+
+    try:
+        html = convert(latex).replace(' xmlns="http://www.w3.org/1998/Math/MathML"', "", 1)
+        found = [*ElementTree.fromstring(html).iter()]
+    except Exception:  # of a formula that is none; its exceptions have no base of their own
+        return escape(format_formula(latex))
+    is_formula = all(each.tag in _ELEMENTS and _ATTRIBUTES.issuperset(each.attrib) for each in found)
+    return html if is_formula else escape(format_formula(latex))

@@ -11,7 +11,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from opid.estimate import Estimate, format_number, format_percent, with_std
-from opid.plots.style import format_law, format_units
+from opid.plots.style import format_law, format_units, shorten
 from opid.report.document import Sketch
 from opid.suspensions.result import GearParameters, GearRatios, Identification, InterfaceEstimate, units_of_suspensions
 
@@ -31,6 +31,8 @@ _LETTER = 8.6  # mean width of a letter of the words, in the widest of the usual
 # words stand to the right of the drawing, or on both sides of a body seen from above
 _WORDS_X = 340
 _PLAN_X = (230, 390)
+# a sentence, which may hold a name of the user, takes so many lines
+_MOST_LINES = 5
 # a ground spring is drawn if it differs from zero by this many standard deviations
 _SEEN_STD = 3.0
 # a sketch has room for the numbers of so many modes, and for so many joints
@@ -170,7 +172,7 @@ def sketch_joints(result: Updating) -> Sketch | None:
         x = round(20 + 270 * (number + 0.5) / len(names))
         half = min(60, round(120 / len(names)))
         picture += [_draw_spring(x, 80, 170), _draw_text(x + 18, 130, "f(z)", size=13)]
-        picture += [_draw_mass(x - half, 170, 2 * half, 32, textwrap.shorten(name, max(4, half // 4), placeholder="…"))]
+        picture += [_draw_mass(x - half, 170, 2 * half, 32, shorten(name, max(4, half // 4)))]
     return _write_sketch(picture, (*words, _CHANGE))
 
 
@@ -227,7 +229,11 @@ def _list_callout(interface: InterfaceEstimate, per: str, units: tuple[str, str]
     if _is_seen(interface.ground_stiffness):
         numbers.append((f"K₃{per}", interface.ground_stiffness, units[0]))
     room = int(1.1 * (_PLAN_X[0] - 30) / _LETTER)
-    return [interface.name, *_write_equations(numbers), *textwrap.wrap(_write_law(interface.law.name), room)]
+    return [
+        shorten(interface.name, room),
+        *_write_equations(numbers),
+        *textwrap.wrap(_write_law(interface.law.name), room),
+    ]
 
 
 def _choose_sides(places: Mapping[str, tuple[float, float]]) -> tuple[list[str], list[str]]:
@@ -282,7 +288,8 @@ def _write_sketch(picture: Iterable[str], words: Sequence[str], *, n_drawn: int 
     """The drawing with the words beside it, of which the first `n_drawn` stand in the drawing itself."""
     room = int((_WIDTH - _WORDS_X) / _LETTER)
     # the further lines of a sentence stand a little to the right
-    lines = [(14 * (k > 0), part) for each in words[n_drawn:] for k, part in enumerate(textwrap.wrap(each, room))]
+    said = [shorten(each, _MOST_LINES * room) for each in words[n_drawn:]]
+    lines = [(14 * (k > 0), part) for each in said for k, part in enumerate(textwrap.wrap(each, room))]
     first = max(20, 140 - _LINE * len(lines) // 2)
     drawn = [_draw_text(_WORDS_X + shift, first + _LINE * k, line) for k, (shift, line) in enumerate(lines)]
     return Sketch(_wrap_svg((*picture, *drawn), max(250, first + _LINE * len(lines))), "; ".join(words))
@@ -324,4 +331,4 @@ def _draw_sensor(x: int, y: int, words: str) -> str:
 
 def _draw_text(x: int, y: int, words: str, anchor: str = "start", *, size: int = 15, weight: str = "normal") -> str:
     look = f'text-anchor="{anchor}" font-size="{size}" font-weight="{weight}"'
-    return f'<text x="{x}" y="{y}" {look} fill="currentColor" stroke="none">{escape(words)}</text>'
+    return f'<text x="{x}" y="{y}" {look} fill="currentColor" stroke="none">{escape(shorten(words))}</text>'

@@ -193,8 +193,10 @@ def resolution_of(stamps: FloatArray) -> float:
     offsets = block - block[0]
     noise = float(np.spacing(np.abs(block).max()))
     for step in _RESOLUTIONS:
+        if noise >= 1e-4 * step:
+            continue
         multiples = offsets / step
-        if noise < 1e-4 * step and np.abs(multiples - np.round(multiples)).max() < 1e-6 + 4 * noise / step:
+        if np.abs(multiples - np.round(multiples)).max() < 1e-6 + 4 * noise / step:
             return step
     return 2 * noise
 

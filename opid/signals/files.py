@@ -21,11 +21,12 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 from opid.errors import InputError
+from opid.provenance import read_content
 
 PATIENCE_S = 10.0
 """How long one that has done its work waits for another that writes to the same place, which takes milliseconds."""
 
-_POLL_S, _LONGEST_NAME = 0.01, 200
+_POLL_S, _LONGEST_NAME, _LONGEST_LINE = 0.01, 200, 1_000_000
 _HIDDEN, _NEW, _OLD, _NAMES, _LOCK = ".opid.part", "new", "old", "names", "lock"
 
 
@@ -36,6 +37,8 @@ def nearest_beside(path: Path, endings: Container[str] | None = None) -> str:
         path: path of the file that does not exist.
         endings: endings of the files that may be suggested; by default any file or directory may be.
     """
+    if os.path.lexists(path):
+        return ", but a directory, a pipe, a device or a link that leads nowhere: give the name of a file"
     if not path.parent.is_dir():
         return f", nor a directory {path.parent}: check the path"
     names: list[str] = []
@@ -43,6 +46,28 @@ def nearest_beside(path: Path, endings: Container[str] | None = None) -> str:
         names = [each.name for each in path.parent.iterdir() if endings is None or each.suffix.lower() in endings]
     close = get_close_matches(path.name, names, n=1)
     return f": did you mean {close[0]!r}?" if close else ": check the name and the directory"
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a small table.
+
+    Args:
+        path: path of the file.
+
+    Raises:
+        InputError: the file is not UTF-8 text, or has a line that no table has; the path is not in the words.
+        OSError: the file cannot be read.
+    """
+    try:
+        text = read_content(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("it is not UTF-8 text: save it as CSV in UTF-8") from None
+    longest = max(map(len, text.splitlines()), default=0)
+    if longest > _LONGEST_LINE:
+        raise InputError(
+            f"it has a line of {longest} characters, and a table has at most {_LONGEST_LINE}: save it again"
+        )
+    return text
 
 
 def read_table_text(path: Path, header: str) -> tuple[str, str]:
@@ -53,13 +78,10 @@ def read_table_text(path: Path, header: str) -> tuple[str, str]:
         header: a header that such a file may have, which the error names.
 
     Raises:
-        InputError: the file is not UTF-8 text, or its first line has no tab, semicolon or comma.
+        InputError: as of `read_text`, or its first line has no tab, semicolon or comma.
         OSError: the file cannot be read.
     """
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError("it is not UTF-8 text: save it as CSV in UTF-8") from None
+    text = read_text(path)
     lines = (line for line in text.splitlines() if line.strip())
     first = next((line for line in lines if not line.lstrip().startswith("#")), "")
     delimiter = next((mark for mark in "\t;," if mark in first), None)
@@ -95,7 +117,7 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
         raise InputError(f"cannot write {path}: there is no directory {target.parent}: create it first")
     if target.exists() and not target.is_file():
         raise InputError(f"cannot write {path}: it is a directory or a device: give the name of a file")
-    temporary = target.with_name(f".{_shorten_name(target.name)}.part")
+    temporary = target.with_name(f".{shorten_name(target.name)}.part")
     text = {"encoding": "utf-8", "newline": "\n"} if mode == "w" else {}
     try:
         temporary, alone = _open_alone(temporary, PATIENCE_S, f"write {path}")
@@ -120,8 +142,8 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
         raise InputError(f"cannot write {path}: {error.strerror or error}: choose another place") from error
 
 
-def _shorten_name(name: str) -> str:
-    """Return the name, or a digest of one that has no room for a further ending."""
+def shorten_name(name: str) -> str:
+    """Return the name of a file, or a digest of one that has no room for a further ending."""
     encoded = os.fsencode(name)
     return name if len(encoded) <= _LONGEST_NAME else hashlib.sha256(encoded).hexdigest()
 
@@ -401,7 +423,7 @@ def _list_hidden(target: Path) -> list[Path]:
     """
     whole = Path(os.path.realpath(target))
     above = [part for part in whole.parents if part.is_dir()]
-    named = [part / f".{_shorten_name('.'.join(whole.relative_to(part).parts))}.part" for part in above]
+    named = [part / f".{shorten_name('.'.join(whole.relative_to(part).parts))}.part" for part in above]
     return [whole / _HIDDEN, *named] if whole.is_dir() else named
 
 

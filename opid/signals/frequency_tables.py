@@ -10,7 +10,7 @@ import numpy as np
 from opid.errors import InputError
 from opid.signals.files import read_table_text
 from opid.signals.logs.text.table import cells_of, number_of
-from opid.signals.recording import FloatArray
+from opid.signals.recording import LARGEST_SIZE, FloatArray
 from opid.signals.units import split_unit, to_si
 
 FREQUENCY_NAMES = ("frequency_hz", "frequency", "freq", "f", "freq_hz", "f_hz", "hz", "omega")
@@ -45,6 +45,8 @@ def read_table(source: Path, header: str) -> tuple[list[str], FloatArray]:
         found = [number_of(cell, decimal) for cell in cells[: len(names)]]
         if None in found:
             raise InputError(f"line {number} has {cells[found.index(None)]!r} where a number is needed: correct it")
+        if not all(abs(each) <= LARGEST_SIZE or each != each for each in found if each is not None):
+            raise InputError(f"line {number} has a number beyond {LARGEST_SIZE:g}, which nothing measures: correct it")
         rows.append(found)
     return names, np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,6 +13,12 @@ from opid.errors import InputError, nearest
 from opid.provenance import ReadFile
 
 FloatArray = NDArray[np.float64]
+
+LEAST_SIZE, LARGEST_SIZE = 1e-50, 1e50
+"""Sizes between which SI values of all that can be measured lie, and whose sixth powers a computer still knows."""
+
+LARGEST_RATE_HZ = 1e12
+"""Sampling rate of no recorder."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +42,8 @@ class Recording:
         files: files that the samples were read from, and those that state what the samples mean (a study, for example).
 
     Raises:
-        InputError: fewer than two samples, another number of columns than of channels, a value that is not finite, a
-            rate that is not positive, or a repeated name.
+        InputError: fewer than two samples, another number of columns than of channels, a value that is not finite or of
+            a size that nothing has, a rate that is not positive or that of no recorder, or a repeated name.
 
     >>> import numpy as np
     >>> run = Recording(np.zeros((100, 1)), fs=50.0, channels=(Channel("upper_z", "m/s^2"),))
@@ -61,8 +68,8 @@ class Recording:
             )
         if samples.shape[0] < 2:
             raise InputError(f"the recording has {samples.shape[0]} sample(s): at least two are needed")
-        if not (np.isfinite(self.fs) and self.fs > 0):
-            raise InputError(f"fs is {self.fs} Hz: give a positive sampling rate in Hz")
+        if not 1 / LARGEST_RATE_HZ <= self.fs <= LARGEST_RATE_HZ:
+            raise InputError(f"fs is {self.fs} Hz: give a positive sampling rate in Hz, below {LARGEST_RATE_HZ:g}")
         names = [channel.name for channel in channels]
         require_distinct_names(names)
         bad = ~np.isfinite(samples)
@@ -72,6 +79,12 @@ class Recording:
                 f"channel {names[column]!r} has {int(bad[:, column].sum())} value(s) that are not finite, "
                 f"the first at {self.start_s + row / self.fs:.4f} s: cut the run before it or mend the log"
             )
+        for name, column in zip(names, samples.T, strict=True):
+            if not has_usual_size(column):
+                raise InputError(
+                    f"channel {name!r} has values up to {np.abs(column).max():.3g}, which nothing measures: correct "
+                    "its unit or mend the log"
+                )
         samples.flags.writeable = False
         object.__setattr__(self, "samples", samples)
         object.__setattr__(self, "channels", channels)
@@ -143,11 +156,25 @@ class Recording:
         )
 
 
+def has_usual_size(values: ArrayLike) -> bool:
+    """Return whether numbers are finite, and the largest of them is zero or of a size that something real has.
+
+    Args:
+        values: the numbers, of any shape, in SI units.
+
+    >>> has_usual_size([0.0, 1e-80, 2.0]), has_usual_size([0.0]), has_usual_size([1e300]), has_usual_size([np.nan])
+    (True, True, False, False)
+    """
+    size = np.abs(np.asarray(values))
+    largest = float(size.max(initial=0.0))
+    return largest == 0.0 or LEAST_SIZE <= largest <= LARGEST_SIZE
+
+
 def require_distinct_names(names: Sequence[str]) -> None:
     """Raise an error if two channels have one name."""
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"the channel name {twice!r} stands {names.count(twice)} times: rename one")
+    for name, n in Counter(names).items():
+        if n > 1:
+            raise InputError(f"the channel name {name!r} stands {n} times: rename one")
 
 
 def recording_from_arrays(

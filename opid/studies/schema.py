@@ -27,7 +27,9 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import tomli_w
 
 from opid.errors import InputError, meant_by, nearest
+from opid.provenance import read_content
 from opid.signals.files import nearest_beside
+from opid.signals.recording import LARGEST_SIZE, LEAST_SIZE
 
 Document = dict[str, Any]
 T = TypeVar("T")
@@ -70,9 +72,11 @@ def load(source: Path) -> Document:
     if not source.is_file():
         raise InputError(f"there is no study file {source}{nearest_beside(source, ('.toml',))}")
     try:
-        return tomllib.loads(source.read_bytes().decode("utf-8-sig"))
+        return tomllib.loads(read_content(source).decode("utf-8-sig"))
     except OSError as error:
         raise InputError(f"cannot read {source}: {error.strerror}") from error
+    except InputError as error:
+        raise InputError(f"cannot read {source}: {error}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{source} is not UTF-8 text: a study is a TOML file") from error
     except (ValueError, RecursionError) as error:  # an integer of thousands of digits is a ValueError, too
@@ -175,8 +179,9 @@ def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
                 if isinstance(error, _UnfitItemError):  # It says more than that the whole is unfit.
                     unfit = str(error)
     is_whole = type(value) is int and -(2**63) <= value < 2**63  # These are the integers of TOML.
+    is_real = type(value) is float and (value == 0 or LEAST_SIZE <= abs(value) <= LARGEST_SIZE)
     if kind in (int, float):
-        is_fit = is_whole or (kind is float and type(value) is float)
+        is_fit = is_whole or (kind is float and is_real)
     else:
         is_fit = type(value) is kind if origin is not Literal else value in within
     if is_fit:
@@ -340,6 +345,10 @@ def _join_lines(found: re.Match[str]) -> str:
     return "[" + " ".join(line.strip() for line in found[1].splitlines()).rstrip(",") + "]"
 
 
+_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{device}{number}" for device in ("COM", "LPT") for number in range(1, 10))}
+"""Names that Windows keeps for devices, whatever ending they have."""
+
+
 def require_plain(what: str, name: str) -> None:
     """Refuse a name that cannot be the name of a file beside the study.
 
@@ -348,8 +357,9 @@ def require_plain(what: str, name: str) -> None:
         name: of it.
 
     Raises:
-        InputError: it is empty, or has parts.
+        InputError: it is empty, too long or has parts, or a system that the result may be copied to cannot have it.
     """
     is_long = len(name.encode("utf-8", "replace")) > _LONGEST_NAME
-    if name in ("", ".", "..") or not name.isprintable() or is_long or Path(name).name != name:
+    is_reserved = name.rstrip(". ") != name or name.partition(".")[0].upper() in _RESERVED
+    if not name or not name.isprintable() or is_long or is_reserved or Path(name).name != name or "\\" in name:
         raise InputError(f"the {what} {name!r} cannot name its log: call it by one plain word")

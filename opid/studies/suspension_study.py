@@ -16,6 +16,7 @@ import numpy as np
 
 from opid.errors import InputError, meant_by, nearest, refuse
 from opid.progress import Say
+from opid.signals.files import read_text
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
@@ -352,13 +353,13 @@ def read_loading(path: Path) -> tuple[PointMass, ...]:
         InputError: no such file, a column that is missing, a cell that is no number: all at once.
     """
     try:
-        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        lines = [line for line in read_text(path).splitlines() if line.strip()]
+        delimiter = ";" if lines and ";" in lines[0] else ","
+        head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
     except OSError as error:
         raise InputError(f"cannot read the loading table {path}: {error.strerror}: check the name") from error
-    except ValueError as error:  # The text is no UTF-8, or the name holds a zero byte.
-        raise InputError(f"the loading table {path} is no UTF-8 text: give a CSV file") from error
-    delimiter = ";" if lines and ";" in lines[0] else ","
-    head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
+    except (InputError, csv.Error) as error:
+        raise InputError(f"cannot read the loading table {path}: {error}") from error
     faults = [f"lacks the column {name!r} ({nearest(name, head)})" for name in LOADING_COLUMNS if name not in head]
     loading = []
     for number, row in enumerate([] if faults else rows, start=2):

@@ -241,6 +241,12 @@ def _describe_misplaced(modes: JointedModes, curve: MeasuredBackbone) -> str:
     if mode > modes.n_modes:
         return f", and the structure has {modes.n_modes} modes"
     lowest, own = float(curve.frequency_hz[0]), float(hz[mode - 1])
+    fastest = float(np.max(2 * np.pi * curve.frequency_hz[:, None] * np.abs(curve.amplitude)))
+    if fastest > UPDATING.most_velocity_m_per_s:
+        return (
+            f", and its sensors reach {fastest:.3g} m/s there, which no structure endures: check the unit of the "
+            "amplitudes"
+        )
     apart = np.array([_find_ratio(lowest, each) for each in hz])
     like = _find_likeness(modes, curve)
     nearest, best = int(np.argmin(apart)), int(np.argmax(like))

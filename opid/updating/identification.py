@@ -18,7 +18,7 @@ from opid.updating.confusion import find_confusion
 from opid.updating.forced_response import predict_damping, predict_responses
 from opid.updating.harmonics import predict_harmonics, warn_of_harmonics
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
-from opid.updating.likelihood.contradictions import warn_of_contradictions
+from opid.updating.likelihood.contradictions import Contradiction, find_contradictions
 from opid.updating.likelihood.error_growth import growth_of_linear_error
 from opid.updating.likelihood.force import force_data
 from opid.updating.likelihood.interactions import adapt_to_class
@@ -40,6 +40,11 @@ from opid.updating.unmeasured_modes import predict_unmeasured, unseen_faults
 from opid.updating.warnings import find_unfit_modes, warn_of_choice, warn_of_classes, warn_of_linear_choice
 
 logger = logging.getLogger(__name__)
+
+_SPOILED = (
+    "the measurements contradict each other or the structure, as told above: no interval of theta and no band is "
+    "given, correct what is wrong, or state its error"
+)
 
 
 def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updating:
@@ -77,10 +82,14 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     best = max(classes, key=lambda each: each.log_evidence)
     say("prediction")
     bands, gone = _predict(study, data, best, linear)
-    adapted, unfit, contradictions = adapt_to_class(data, best.model_class, best.best), set[int](), list[str]()
+    adapted, unfit = adapt_to_class(data, best.model_class, best.best), set[int]()
+    contradictions: list[Contradiction] = []
     if not best.has_no_effect:
         unfit = find_unfit_modes(adapted, best.model_class, best.best)
-        contradictions += warn_of_contradictions(adapted, best.model_class, best.best, study.backbones, unfit=unfit)
+        contradictions += find_contradictions(adapted, best.model_class, best.best, study.backbones, unfit=unfit)
+    is_spoiled = any(each.spoils_theta for each in contradictions)
+    if is_spoiled:
+        classes, bands = [each.without_intervals() for each in classes], tuple(each.without_ends() for each in bands)
     responses, told = _predict_responses(study, data, best, linear, adapted, unfit)
     own = np.random.default_rng([study.seed, 6])
     damping = () if data.force is None else tuple(predict_damping(data, best, study.backbones, rng=own))
@@ -115,7 +124,8 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
             *lost,
             *warn_of_classes(classes),
             *warn_of_choice(classes, bands),
-            *contradictions,
+            *(each.sentence for each in contradictions),
+            *([_SPOILED] if is_spoiled else []),
             *warn_of_harmonics(harmonics, data),
             *gone,
             *told,

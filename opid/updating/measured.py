@@ -25,7 +25,7 @@ from opid.result import load_document
 from opid.signals.files import write_whole
 from opid.signals.frequency_tables import FREQUENCY_NAMES, find_frequency, read_table
 from opid.signals.motion import DERIVATIVES
-from opid.signals.recording import FloatArray
+from opid.signals.recording import FloatArray, has_usual_size
 from opid.signals.units import split_unit, to_si
 from opid.updating.settings import UPDATING
 
@@ -154,6 +154,8 @@ class MeasuredBackbone:
                 f"backbone {self.name!r} has values that are not finite, or frequencies that are not positive: leave "
                 "these points out"
             )
+        if not (has_usual_size(frequency) and has_usual_size(amplitude)):
+            raise InputError(f"backbone {self.name!r} has values of a size that nothing measures: correct its units")
         if self.controlled_sensor not in sensors:
             raise InputError(
                 f"backbone {self.name!r} is controlled at {self.controlled_sensor!r}, which is not one of its sensors: "
@@ -355,7 +357,7 @@ def read_result_backbones(
     """
     source = Path(path)
     document = load_document(source, COMMANDS)
-    called = source.resolve().parent.name if name is None else name
+    called = Path(os.path.realpath(source)).parent.name if name is None else name
     try:
         if sensors is not None and controlled_sensor not in sensors:
             raise InputError(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from opid.errors import InputError, NotDeterminedError, nearest
+from opid.estimate import Estimate
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, with_amplitudes
+from opid.updating.likelihood.contradictions import find_motion_errors
 from opid.updating.likelihood.curves import (
     LikelihoodSlopes,
     describe_failures,
@@ -18,7 +20,7 @@ from opid.updating.likelihood.curves import (
     slopes_function,
 )
 from opid.updating.likelihood.interactions import adapt_to_class
-from opid.updating.model_class import ModelClass
+from opid.updating.model_class import ClassParameter, DampingRatio, ModelClass
 from opid.updating.result import ClassPosterior
 from opid.updating.sampling.chains import (
     Chain,
@@ -42,7 +44,7 @@ from opid.updating.sampling.evidence import (
 from opid.updating.sampling.samplers import Transitional, metropolis, nuts, transitional
 from opid.updating.settings import UPDATING
 from opid.updating.study import SAMPLERS, Sampler
-from opid.updating.warnings import TOO_LITTLE, has_no_effect, warn_of_class
+from opid.updating.warnings import TOO_LITTLE, find_fit, has_no_effect, warn_of_class
 
 _NOWHERE = 1e12  # what a search takes for the negative logarithm of a density of 0
 _AMPLITUDE_STEP = 0.005  # The slopes are compared at amplitudes that differ by this to either side, in ln A.
@@ -134,9 +136,10 @@ def update_class(
     diagnostics, is_calibrated = diagnose(chain), bool(np.isfinite(moved).all())
     if not is_calibrated:
         warnings.append(_UNKNOWN_CALIBRATION)
+    is_idle = has_no_effect(data, model_class)
     if not is_calibrated or diagnostics.effective_samples < UPDATING.fewest_samples:
         estimates = {name: each.without_interval() for name, each in estimates.items()}
-    is_idle = has_no_effect(data, model_class)
+    estimates = _withhold_unfit(data, model_class, best, estimates)
     if not is_idle:
         warnings += [*sentences, *refused, *warn_of_class(
             data, model_class, chain, best, estimates=estimates, evidences=found, diagnostics=diagnostics,
@@ -159,6 +162,25 @@ def update_class(
     )
 
 
+def _withhold_unfit(
+    data: BackboneData, model_class: ModelClass, best: FloatArray, estimates: Mapping[str, Estimate]
+) -> dict[str, Estimate]:
+    """Return the estimates, without their intervals where the law fits neither the backbones nor the force.
+
+    The intervals of a law that does not fit tell how well the nearest wrong one is known. A wrong damper leaves the
+    springs what they are. The paper's forms keep theirs, as they are printed.
+    """
+    if data.form != "recommended":
+        return dict(estimates)
+    do_springs_fit, do_dampers_fit = find_fit(data, model_class, best)
+    dissipative = [isinstance(each, DampingRatio) or (isinstance(each, ClassParameter) and each.term.is_damper)
+                   for each in model_class.parameters]  # fmt: skip
+    return {
+        name: each if do_springs_fit and (do_dampers_fit or not loses) else each.without_interval()
+        for (name, each), loses in zip(estimates.items(), dissipative, strict=True)
+    }
+
+
 def _find_calibration(
     data: BackboneData, model_class: ModelClass, best: FloatArray, covariance: FloatArray
 ) -> FloatArray:
@@ -169,17 +191,16 @@ def _find_calibration(
     amplitudes changes the coefficient of a cubic spring by 1 / s^2, and gaps and travels by s. Only the recommended
     form has it. The moves are nan where the likelihood has no slopes.
     """
-    sensors = dict.fromkeys(sensor for mode in data.modes for sensor, _ in mode.parts)
     if data.form != "recommended" or not data.noise.motion_error:
         return np.zeros((0, best.size))
     moves = []
-    for sensor in sensors:
+    for sensor, error in find_motion_errors(data, model_class, best).items():
         ends = []
         for step in (_AMPLITUDE_STEP, -_AMPLITUDE_STEP):
             value, slopes = slopes_function(with_amplitudes(data, sensor, np.exp(step)), model_class)(best[np.newaxis])
             ends.append(slopes[0] if np.isfinite(value[0]) else np.full(best.size, np.nan))
-        moves.append(covariance @ (ends[0] - ends[1]) / (2 * _AMPLITUDE_STEP))
-    return data.noise.motion_error * np.array(moves)
+        moves.append(error * covariance @ (ends[0] - ends[1]) / (2 * _AMPLITUDE_STEP))
+    return np.array(moves)
 
 
 def _calibrate(chain: Chain, model_class: ModelClass, moved: FloatArray, rng: np.random.Generator) -> Chain:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,10 @@ class ClassPosterior:
     warnings: tuple[str, ...]
     chain: Chain
     has_no_effect: bool = False
+
+    def without_intervals(self) -> ClassPosterior:
+        """Return it with the values of its estimates alone."""
+        return replace(self, estimates={name: each.without_interval() for name, each in self.estimates.items()})
 
     def draw(self, n: int, rng: np.random.Generator) -> FloatArray:
         """(n, n_parameters) samples, drawn with replacement."""
@@ -242,6 +246,12 @@ class BackboneBand:
     is_measured: bool = True
     sensors: tuple[SensorBand, ...] = ()
     loop: tuple[FloatArray, FloatArray] | None = None
+
+    def without_ends(self) -> BackboneBand:
+        """Return the medians alone: the ends of the bands, of the frequency and of each sensor, are nan."""
+        none = np.full(self.amplitude.shape, np.nan)
+        sensors = tuple(replace(each, low=none, high=none) for each in self.sensors)
+        return replace(self, low_hz=none, high_hz=none, sensors=sensors)
 
     @property
     def n_missing(self) -> int:

@@ -124,6 +124,8 @@ class UpdatingThresholds:
     # rms error of the force over the amplitude, as a fraction, that calibration and noise do not explain: dampers of
     # another kind miss it by more
     least_force_misfit: float = 0.03
+    # standard deviations of an error that is stated up to which it may explain a misfit
+    stated_sigma: float = 3.0
     most_force_noise: float = 4.0  # rms error of the force over the noise that is stated, above which it is no noise
     # distances of a band's end from its median beyond which a higher harmonic contradicts the model: about four
     # standard deviations, for the errors of a sensor are common to all of its points, and there are many sensors
@@ -149,6 +151,12 @@ class UpdatingThresholds:
     better_exchanged: float = 0.8
     # growth of a curve over that of the model below which it counts as this, for its logarithm is needed
     least_grown: float = 0.01
+    # standard deviations of the gain of a sensor beyond which it is an error of its calibration: below it, the
+    # intervals of sound sets would grow by chance
+    odd_gain_sigma: float = 2.0
+    # velocity beyond which no amplitude is one of a structure: stress is velocity times density times speed of sound,
+    # and metals yield at 10 to 20 m/s, fibres at twice that (Hunt 1960)
+    most_velocity_m_per_s: float = 50.0
     # motion over that of the sensor that moves most, from which on a sensor tells its gain
     least_motion: float = 0.3
     # deviations at which the misfit of an entry of a shape counts no more, so that one sensor does not decide

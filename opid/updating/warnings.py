@@ -163,12 +163,12 @@ def warn_of_fit(misfits: Sequence[LackOfFit], unexplained: float) -> Iterator[st
         yield (
             f"with the best parameters {100 * worst.fraction:.0f} % of the measured growth of the frequencies of mode "
             f"{worst.mode} stay unexplained, alike in all curves (by chance in less than one of "
-            f"{1 / UPDATING.rare:.0f} sets): this law does not fit the backbones, do not use its intervals"
+            f"{1 / UPDATING.rare:.0f} sets): this law does not fit the backbones, and no interval of it holds"
         )
     elif not misfits and not unexplained <= UPDATING.most_unexplained:
         yield (
             f"with the best parameters {100 * unexplained:.0f} % of the measured growth of the frequencies stay "
-            "unexplained: this law does not fit the backbones, do not use its intervals"
+            "unexplained: this law does not fit the backbones, and no interval of it holds"
         )
 
 
@@ -179,7 +179,7 @@ def warn_of_bump(bumps: Sequence[LackOfFit]) -> Iterator[str]:
         yield (
             f"with the best parameters a bump of {100 * worst.fraction:.1f} % of the measured growth of the "
             f"frequencies of mode {worst.mode} is left, alike in all curves: another mode may pull them where the "
-            "structure has no interaction, or the law has another form there; do not use its intervals"
+            "structure has no interaction, or the law has another form there; no interval of it holds"
         )
 
 
@@ -190,15 +190,30 @@ def _find_large(misfits: Sequence[LackOfFit], least: float) -> list[LackOfFit]:
 
 def find_unfit_modes(data: BackboneData, model_class: ModelClass, best: FloatArray) -> set[int]:
     """Return the numbers of the modes whose backbones or force a class does not fit with its best parameters."""
+    return _find_unfit_springs(data, model_class, best) | _find_unfit_dampers(data, model_class, best)
+
+
+def find_fit(data: BackboneData, model_class: ModelClass, best: FloatArray) -> tuple[bool, bool]:
+    """Return whether a class fits the backbones with its best parameters, bumps included, and whether the force."""
+    bumps = _find_large(find_bumps(data, model_class, best), UPDATING.least_bump)
+    return (
+        not (bumps or _find_unfit_springs(data, model_class, best)),
+        not _find_unfit_dampers(data, model_class, best),
+    )
+
+
+def _find_unfit_springs(data: BackboneData, model_class: ModelClass, best: FloatArray) -> set[int]:
     misfits = lack_of_fit(data, model_class, best)
-    found = {each.mode for each in _find_large(misfits, UPDATING.least_misfit)}
     if not misfits and not unexplained_fraction(data, model_class, best) <= UPDATING.most_unexplained:
-        found = {mode.mode for mode in data.modes}
-    if data.force is not None and (error := find_force_error(data, data.force, model_class, best)) is not None:
-        large = _find_large(force_misfit(data.force, error, data.noise), UPDATING.least_force_misfit)
-        found |= {each.mode for each in large}
-        found |= {mode for mode, _, _ in _find_wrong_levels(data.force, error, data.noise)}
-    return found
+        return {mode.mode for mode in data.modes}
+    return {each.mode for each in _find_large(misfits, UPDATING.least_misfit)}
+
+
+def _find_unfit_dampers(data: BackboneData, model_class: ModelClass, best: FloatArray) -> set[int]:
+    if data.force is None or (error := find_force_error(data, data.force, model_class, best)) is None:
+        return set()
+    large = _find_large(force_misfit(data.force, error, data.noise), UPDATING.least_force_misfit)
+    return {each.mode for each in large} | {mode for mode, _, _ in _find_wrong_levels(data.force, error, data.noise)}
 
 
 def warn_of_force(misfits: Sequence[LackOfFit]) -> Iterator[str]:
@@ -207,8 +222,8 @@ def warn_of_force(misfits: Sequence[LackOfFit]) -> Iterator[str]:
         worst = max(large, key=lambda each: each.fraction)
         yield (
             f"with the best parameters the force of mode {worst.mode} is {100 * worst.fraction:.0f} % (rms) off over "
-            "the amplitude: these dampers do not lose the measured energy, do not use their intervals; if the force is "
-            "that noisy, state force_noise"
+            "the amplitude: these dampers do not lose the measured energy, and no interval of them holds; if the "
+            "force is that noisy, state force_noise"
         )
 
 
@@ -221,7 +236,7 @@ def warn_of_force_level(force: ForceData, error: FloatArray, noise: NoiseSetting
         yield (
             f"with the best parameters the force of mode {number} is {np.exp(level):.3g} times what the dampers and "
             f"damping ratios need, {abs(level) / expected:.0f} standard deviations of its calibration: check its unit "
-            "(peak or rms), the drive point and the damping ratios, do not use the intervals of the dampers"
+            "(peak or rms), the drive point and the damping ratios; no interval of the dampers holds"
         )
 
 
@@ -256,9 +271,17 @@ def force_misfit(force: ForceData, error: FloatArray, noise: NoiseSettings) -> l
     """Return the misfit to the work of the force over the amplitude of each mode that has one, as a fraction.
 
     What all curves have alike is judged as `lack_of_fit` does. Few curves cannot tell it from their scatter: there the
-    rms over all points counts that is several times the noise that is stated. `error` is that of `find_force_error`.
+    rms over all points counts that is several times the noise that is stated. What errors that are stated can explain
+    (a floor of the force, for one), up to `stated_sigma` of their standard deviations, is no misfit. `error` is that of
+    `find_force_error`.
     """
-    found = []
+    found, patterns = [], force.place["patterns"] * force.place["common_std"]
+    least_squares = np.linalg.lstsq(
+        np.vstack([patterns / noise.force_noise, np.eye(patterns.shape[1])]),
+        np.concatenate([error / noise.force_noise, np.zeros(patterns.shape[1])]),
+        rcond=None,
+    )[0]
+    error = error - patterns @ np.clip(least_squares, -UPDATING.stated_sigma, UPDATING.stated_sigma)
     most = max(UPDATING.least_force_misfit, UPDATING.most_force_noise * noise.force_noise)
     for number in np.unique(force.of_mode):
         mine = force.of_mode == number

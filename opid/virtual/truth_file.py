@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from opid.errors import InputError
-from opid.json_values import json_text, plain
+from opid.json_values import json_text, plain, read_json
 from opid.mechanics.laws.law import Law, law_from_parameters
 from opid.mechanics.truth import (
     BodyNumbers,
@@ -75,28 +74,35 @@ def read_truth(path: str | os.PathLike[str], record: type[T]) -> T:
     kind = _KINDS[record]
     remedy = f"give the truth.json that `{kind.command}` wrote beside the study"
     try:
-        table = json.loads(Path(path).read_text(encoding="utf-8"))
+        table = _load(Path(path), remedy)
         if table["schema"] != kind.schema:
+            has = str(table["schema"])[:40]
             raise InputError(
-                f"{path} has the schema {table['schema']!r} where {kind.schema!r} is needed: it is not the truth of "
-                f"{kind.what}; {remedy}"
+                f"it has the schema {has!r} where {kind.schema!r} is needed, the truth of {kind.what}; {remedy}"
             )
         return kind.read(table)  # type: ignore[return-value]
     except OSError as error:
         raise InputError(
             f"cannot read the truth {path}: {error.strerror or error}: {remedy}, or leave it out"
         ) from error
-    except InputError:
-        raise
-    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+    except InputError as error:
+        raise InputError(f"{path} is not the truth of {kind.what}, {error}") from error
+    except (ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
         why = (
-            f"it is not JSON (line {error.lineno}: {error.msg})"
-            if isinstance(error, json.JSONDecodeError)
-            else f"it has no {error.args[0]!r}"
+            f"it has no {error.args[0]!r}"
             if isinstance(error, KeyError)
             else "one of its values is not of the kind that such a file holds"
         )
         raise InputError(f"{path} is not the truth of {kind.what}, {why}: {remedy}") from error
+
+
+def _load(path: Path, remedy: str) -> Any:
+    try:
+        return read_json(path)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"it is not JSON ({error}): {remedy}") from error
 
 
 def _read_numbers(record: Any, table: Mapping[str, Any], **others: Any) -> Any:

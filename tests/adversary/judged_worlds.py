@@ -35,12 +35,17 @@ class World:
         fails: the assumption that fails, in words; "none" for the sound world beside which the others stand.
         ask: makes the measurement by a seed and returns the answer; refusals are raised as the library raises them.
         must_say: words that a warning or a refusal holds, where the data can tell the cause; "" where they cannot.
+        unseen: why no data tell that the assumption fails, with a number, so that the answer is wrong without a word;
+            "" for the worlds that the answer must survive.
+        is_slow: whether the answer takes more than about ten seconds, so that the benchmark alone asks for it.
     """
 
     command: str
     fails: str
     ask: Callable[[int], Answer]
     must_say: str = ""
+    unseen: str = ""
+    is_slow: bool = False
 
     @property
     def name(self) -> str:

@@ -442,7 +442,7 @@ def _find_curves(
     stds = []
     for values, std in ((natural, natural_std), (damping, damping_std)):
         # The slope of a smooth curve is taken, for that from window to window is noise.
-        curve = np.polyfit(logs, values, min(2, logs.size - 1), w=1.0 / np.maximum(std, 1e-12 * np.abs(values)))
+        curve = _fit_curve(logs, values, min(2, logs.size - 1), 1.0 / np.maximum(std, 1e-12 * np.abs(values)))
         wider = np.ones(values.size)
         if is_doubtful:
             # The scatter is that of seven windows, as for the noise.
@@ -460,12 +460,20 @@ def _find_curves(
     return amplitude, natural, stds[0], damping, stds[1]
 
 
+def _fit_curve(x: FloatArray, y: FloatArray, degree: int, weight: FloatArray) -> FloatArray:
+    """Return the coefficients of a polynomial, the smallest ones where the amplitudes tell too little."""
+    columns = np.vander(x, degree + 1) * weight[:, np.newaxis]
+    sizes = np.sqrt(np.sum(columns**2, axis=0))
+    found = np.linalg.lstsq(columns / sizes, y * weight, rcond=x.size * np.finfo(float).eps)[0]
+    return np.asarray(found / sizes, dtype=np.float64)
+
+
 def _measure_swing(amplitude: FloatArray, values: FloatArray, std: FloatArray, least_std: float) -> FloatArray:
     """Return the departures of values from a smooth curve over the amplitude, in their standard deviations, (n,)."""
     root = np.sqrt(amplitude / amplitude.max())
     degree = min(3, values.size // 3)
     weight = 1.0 / np.maximum(std, least_std)
-    departure = values - np.polyval(np.polyfit(root, values, degree, w=weight), root)
+    departure = values - np.polyval(_fit_curve(root, values, degree, weight), root)
     return departure * weight * np.sqrt(values.size / max(values.size - degree - 1, 1))
 
 

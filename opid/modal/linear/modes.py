@@ -13,7 +13,7 @@ from opid.errors import InputError, list_names, nearest
 from opid.mechanics.structure import Structure, natural_frequencies
 from opid.modal.settings import MODAL
 from opid.signals.motion import DERIVATIVES, differentiate
-from opid.signals.recording import Channel, FloatArray, Recording
+from opid.signals.recording import Channel, FloatArray, Recording, has_usual_size
 
 ACCELERATION, STRAIN_ACCELERATION = "m/s^2", "strain/s^2"  # units of the second derivatives of what sensors read
 
@@ -60,6 +60,10 @@ class LinearModes:
                 raise InputError(f"{name} has shape {array.shape}: give {needed}")
             if not np.isfinite(array).all():
                 raise InputError(f"{name} has values that are not finite: leave out the modes that were not identified")
+            if not has_usual_size(array):
+                raise InputError(
+                    f"{name} has values up to {np.abs(array).max():.3g}, which no structure has: correct them"
+                )
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         if isinstance(self.sensors, str):

@@ -148,6 +148,8 @@ def _read_csv(source: Path) -> LinearModes:
     cells = [[cell.strip() for cell in row] for row in table]
     # An empty cell after a last delimiter is left out; the others stay, for each stands for a mode.
     rows = [(n, row[:-1] if row[1:] and not row[-1] else row) for n, row in enumerate(cells, start=1) if any(row)]
+    if not rows:
+        raise InputError("it has no cell with content: give a header, and a row for each quantity and sensor")
     header = rows[0][1]
     if len({_recognise(cell, ROWS) for cell in header} - {""}) == len(ROWS):
         raise InputError(

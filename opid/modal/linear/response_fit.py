@@ -34,7 +34,7 @@ from opid.modal.linear.frequency_response import FrequencyResponse
 from opid.modal.linear.mode_shapes import shape_modes
 from opid.modal.linear.modes import ACCELERATION
 from opid.modal.settings import MODAL
-from opid.signals.recording import FloatArray
+from opid.signals.recording import FloatArray, has_usual_size
 
 DELAY_S = 1e-5
 """Unit of the delay in the vector of unknowns, s."""
@@ -64,7 +64,12 @@ def fit_modes(
             f"a record ends with {100 * left_at_end:.0f} % of its largest motion, and at most "
             f"{100 * MODAL.most_left:g} % are accepted: record until the structure is at rest"
         )
-    begun = _find_poles(data, settings)
+    try:
+        begun = _find_poles(data, settings)
+    except np.linalg.LinAlgError as error:
+        raise NotDeterminedError(
+            f"no poles fit the responses ({error}): see whether force and motion were recorded as they were"
+        ) from error
     if not begun.size:
         raise NotDeterminedError(
             f"no pole between {band_hz[0]:g} and {band_hz[1]:g} Hz stays the same over {settings.fewest_orders} "
@@ -155,6 +160,15 @@ class _Data:
                 "wider band or longer records"
             )
         value = np.concatenate([each.value[lines].T for each in responses])
+        silent = np.flatnonzero(~value.any(axis=1))
+        if silent.size:
+            name = first.sensors[int(silent[0]) % len(first.sensors)]
+            raise InputError(f"the sensor {name!r} does not move in the band: leave its channel out of the logs")
+        if not has_usual_size(value):
+            raise InputError(
+                f"the responses reach {np.abs(value).max():.3g} (m/s^2)/N, which no structure does: correct the units "
+                "of force and motion"
+            )
         within = tuple(
             replace(
                 each,

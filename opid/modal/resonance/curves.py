@@ -13,7 +13,7 @@ from opid.modal.linear.modes import LinearModes
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
 from opid.provenance import ReadFile
-from opid.signals.recording import FloatArray
+from opid.signals.recording import FloatArray, has_usual_size
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +61,8 @@ class ResponseCurve:
                 f"{self.name!r} has values that are not finite and positive: leave such points out, and give the sign "
                 "of an amplitude as a phase"
             )
+        if not all(map(has_usual_size, (hz, height, phase, force))):
+            raise InputError(f"{self.name!r} has values of a size that nothing measures: correct its units")
         if not 0.0 < self.error_fraction < 1.0:
             raise InputError(f"error_fraction of {self.name!r} is {self.error_fraction}: give a fraction, 0.01 for 1 %")
         for key, array in (("frequency_hz", hz), ("amplitude", height), ("phase_deg", phase), ("force_n", force)):

@@ -50,6 +50,7 @@ from opid.plots.charts.looks import (
     is_clear,
     join_lines,
 )
+from opid.plots.style import read_text, shorten
 
 # no text of a chart is smaller
 _LEAST_FONT_PX = 10.0
@@ -117,7 +118,7 @@ class Panel:
         """Return the label of an axis; that of a panel with the same axis where only the lowest panel has one."""
         ax = self.ax
         shared = ax.get_shared_x_axes() if letter == "x" else ax.get_shared_y_axes()
-        labels = (getattr(each, f"get_{letter}label")() for each in (ax, *shared.get_siblings(ax)))
+        labels = (read_text(getattr(each, f"{letter}axis").label) for each in (ax, *shared.get_siblings(ax)))
         return next(filter(None, labels), "")
 
     def is_in_data(self, transform: Transform) -> bool:
@@ -153,9 +154,9 @@ class Panel:
             where["link"] = link
         numbers = f"{self.abscissa}, %{{y:.6~g}}{self.units[1]}{OPENS if link else ''}"
         words = {
-            "name": format_html(name),
+            "name": format_html(shorten(name)),
             "meta": name,
-            "hovertemplate": f"{numbers}<extra>{format_html(name)}</extra>",
+            "hovertemplate": f"{numbers}<extra>{format_html(shorten(name))}</extra>",
         }
         said = words if name or link else {"hoverinfo": "skip"}
         self.chart["data"].append(where | said | trace)
@@ -334,7 +335,7 @@ def _add_cells(panel: Panel, artist: Any, x: np.ndarray, y: np.ndarray) -> None:
     name_row = panel.ax.fmt_ydata
     if name_row is not None:
         # rows have names: the page shows them where there is no room for them beside the cells
-        trace["rows"] = [name_row(each) for each in (y[:-1] + y[1:]) / 2]
+        trace["rows"] = [format_html(shorten(name_row(each))) for each in (y[:-1] + y[1:]) / 2]
         ordinate = "%{text}"
     shown = f"{panel.abscissa}, {ordinate}: %{{{'customdata' if 'customdata' in trace else 'z'}:.6~g}}"
     panel.add_trace(
@@ -358,7 +359,8 @@ def _describe_colorbar(panel: Panel, artist: Any, limits: np.ndarray) -> Json:
     if bar is None:
         return {"showscale": False}
     (left, right), (low, high) = panel.domain
-    title = {"text": format_html(bar.ax.get_ylabel() or bar.ax.get_xlabel()), "font": {"size": 13}}
+    label = read_text(bar.ax.yaxis.label) or read_text(bar.ax.xaxis.label)
+    title = {"text": format_html(label), "font": {"size": 13}}
     look: Json = {"thickness": 12, "outlinewidth": 0}
     if bar.orientation == "horizontal":
         title["side"] = "bottom"
@@ -404,7 +406,7 @@ def _add_text(panel: Panel, text: Any) -> None:
             "x": float(at[0]),
             "y": float(at[1]),
             **refs,
-            "text": format_bold(format_html(text.get_text()), text),
+            "text": format_bold(format_html(read_text(text)), text),
             "showarrow": False,
             "keep": panel.has_colored_cells,
             "xshift": shift[0] * PX_PER_PT,

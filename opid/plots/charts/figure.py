@@ -16,6 +16,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from opid.plots.charts.artists import Panel, add_artist
 from opid.plots.charts.looks import Json, describe_handle, format_bold, format_color, format_html
 from opid.plots.charts.surfaces import add_surfaces
+from opid.plots.style import NamedTicks, read_text
 
 Domain = tuple[list[float], list[float]]
 """From where to where a panel reaches, as fractions of the width and of the height."""
@@ -97,7 +98,7 @@ def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Seque
         "anchor": panel.y if letter == "x" else panel.x,
         "type": "log" if is_log else "linear",
         "range": (np.log10(ends) if is_log else ends).tolist(),
-        "title": {"text": format_html(axis.get_label_text())},
+        "title": {"text": format_html(read_text(axis.label))},
         "label": format_html(panel.find_label(letter)),
         "showgrid": bool(ticks.get("gridOn", True)),
     }
@@ -123,7 +124,8 @@ def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Seque
         found |= {"showticklabels": False, "ticks": ""}
     elif isinstance(locator, ticker.FixedLocator) or counts:
         found["tickvals"] = [float(each) for each in locator()]
-        found["ticktext"] = _color_labels(axis, formatter.format_ticks(locator()))
+        texts = formatter.written if isinstance(formatter, NamedTicks) else formatter.format_ticks(locator())
+        found["ticktext"] = _color_labels(axis, texts)
     elif is_log:
         has_plain_numbers = isinstance(formatter, ticker.FuncFormatter)
         # with a format of its own each number at the axis is whole and of full size: "20", not a small "2"
@@ -145,7 +147,9 @@ def _color_labels(axis: Any, texts: Sequence[str]) -> list[str]:
 
 def _add_title(panel: Panel) -> None:
     ax, (across, up) = panel.ax, (f"{panel.x} domain", f"{panel.y} domain")
-    title = next((text for text in (ax.get_title(loc="left"), ax.get_title(), ax.get_title(loc="right")) if text), "")
+    all_titles: Any = ax
+    titles = (all_titles._left_title, all_titles.title, all_titles._right_title)
+    title = next(filter(None, map(read_text, titles)), "")
     if not title:
         return
     # a text that stands on the upper edge of the panel has the title above it
@@ -166,7 +170,7 @@ def _add_legend(chart: Json, legend: Legend | None) -> None:
     """The entries of a legend; one text has one entry, whatever the colours of its lines in several panels."""
     known = {entry["text"]: entry["looks"] for entry in chart["legend"]}
     for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True) if legend else ():
-        words, look = text.get_text(), describe_handle(handle)
+        words, look = read_text(text), describe_handle(handle)
         if words not in known:
             known[words] = []
             chart["legend"].append({"text": words, "looks": known[words]})

@@ -58,13 +58,13 @@ def is_clear(color: Any) -> bool:
 
 
 def format_html(text: str) -> str:
-    """Return a text as the few tags that Plotly.js knows.
+    """Return a text as the few tags that Plotly.js knows; a "%{x}" in it stands for no number of a point.
 
-    >>> format_html("a < b\\n2")
-    'a &lt; b<br>2'
+    >>> format_html("a < b\\n%{x}")
+    'a &lt; b<br>%&#123;x}'
     """
     text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    return text.replace("\n", "<br>").replace("$", "")
+    return text.replace("\n", "<br>").replace("%{", "%&#123;")
 
 
 def format_bold(text: str, artist: Text) -> str:

@@ -86,13 +86,13 @@ function recolored(node) {
   if (node === null || typeof node !== "object" || ArrayBuffer.isView(node)) return recolor(node);
   if (node.keep) return node;
   return Object.fromEntries(Object.entries(node).map(([key, value]) =>
-    [key, ["x", "y", "z", "text", "name", "meta", "hovertemplate", "colorscale", "facecolor", "customdata", "rows"].includes(key) ? value : recolored(value)]));
+    [key, ["x", "y", "z", "text", "ticktext", "label", "name", "meta", "hovertemplate", "colorscale", "facecolor", "customdata", "rows"].includes(key) ? value : recolored(value)]));
 }
 
 // ---- texts and the room for them ----
 
 const LETTER = 6.2; // px, of a text of 11 or 12 px in the mean
-const lengthOf = (html) => Math.max(...html.split("<br>").map((line) => line.replace(/<[^>]*>|&\w+;/g, "").length), 0);
+const lengthOf = (html) => Math.max(...html.split("<br>").map((line) => line.replace(/<[^>]*>/g, "").replace(/&#?\w+;/g, "x").length), 0);
 
 // a text in lines of at most so many letters, with its colour and weight around all of them
 function broken(html, most) {
@@ -298,7 +298,7 @@ class Chart {
     list.className = "legend";
     for (const entry of this.chart.legend) {
       const button = document.createElement("button");
-      button.type = "button";
+      button.type = "button", button.dir = "auto"; // a name may be written from right to left
       button.append(...entry.looks.map(swatch), entry.text);
       const same = this.chart.data.some((trace) => trace.meta === entry.text) || (this.chart.layout.shapes || []).some((shape) => shape.name === entry.text);
       button.disabled = !same;
@@ -343,7 +343,10 @@ function swatch(entry) {
 }
 
 function csv(chart) {
-  const quoted = (text) => `"${String(text).replaceAll('"', '""')}"`, plain = (html) => (html || "").replace(/<[^>]*>/g, " ");
+  // a spreadsheet takes a text that begins so for a formula, and whoever opens a page need not know who named its runs
+  const harmless = (text) => (/^[=+\-@\t\r]/.test(text) ? `'${text}` : text);
+  const quoted = (text) => `"${harmless(String(text)).replaceAll('"', '""')}"`;
+  const plain = (html) => new DOMParser().parseFromString((html || "").replace(/<[^>]*>/g, " "), "text/html").body.textContent;
   const axis = (trace, letter) => plain((chart.layout[(trace[`${letter}axis`] || letter).replace(letter, `${letter}axis`)] || {}).label);
   const abscissa = (trace, x) => ((chart.layout[(trace.xaxis || "x").replace("x", "xaxis")] || {}).days ? new Date(x).toISOString().slice(0, 10) : x);
   const hasCells = chart.data.some((trace) => trace.type === "heatmap");
@@ -356,7 +359,7 @@ function csv(chart) {
   }
   for (const trace of chart.data.filter((each) => each.type === "heatmap"))
     trace.z.forEach((row, j) => row.forEach((value, k) => Number.isFinite(value) &&
-      rows.push([quoted(plain(trace.name) || "cell"), quoted(axis(trace, "x")), quoted(axis(trace, "y")), abscissa(trace, (trace.x[k] + trace.x[k + 1]) / 2), trace.rows ? quoted(trace.rows[j]) : (trace.y[j] + trace.y[j + 1]) / 2, (trace.customdata ? trace.customdata[j][k] : value)].join(","))));
+      rows.push([quoted(plain(trace.name) || "cell"), quoted(axis(trace, "x")), quoted(axis(trace, "y")), abscissa(trace, (trace.x[k] + trace.x[k + 1]) / 2), trace.rows ? quoted(plain(trace.rows[j])) : (trace.y[j] + trace.y[j + 1]) / 2, (trace.customdata ? trace.customdata[j][k] : value)].join(","))));
   return rows.join("\r\n") + "\r\n";
 }
 

@@ -72,7 +72,7 @@ def remove_spikes(samples: ArrayLike, *, fs: float) -> tuple[FloatArray, np.ndar
     ([700], True)
     """
     mended = np.array(samples, dtype=np.float64)
-    bin_rows = max(16, round(fs))  # a second
+    bin_rows = max(16, min(round(fs), mended.size))  # a second
     values = np.full((1, -(-mended.size // bin_rows) * bin_rows), np.nan)
     values[0, : mended.size] = mended
     search = SpikeSearch(0, bin_rows)

@@ -12,8 +12,10 @@ import os
 import struct
 import zipfile
 import zlib
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any
 
 from numpy.lib import format as npy
@@ -25,9 +27,11 @@ MEMORY_FRACTION = 0.25
 """Fraction of the memory of the machine that the arrays of an archive may take: an answer needs copies of them."""
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _ENCRYPTED = 0x1
+# numpy and Python read the headers of arrays, which are Python text, and raise any of these for a wrong one
+_OF_HEADERS = (EOFError, ValueError, LookupError, TypeError, SyntaxError, MemoryError, RecursionError, TokenError)
 _DAMAGES = (
-    *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, OverflowError),
-    *(NotImplementedError, RuntimeError, OSError),
+    *(zipfile.BadZipFile, zlib.error, struct.error, OverflowError, NotImplementedError, RuntimeError, OSError),
+    *_OF_HEADERS,
 )
 
 
@@ -47,12 +51,18 @@ class Archive:
         """Return the arrays.
 
         Raises:
-            InputError: some hold Python objects.
+            InputError: some hold Python objects, or neither numbers nor text, like times and records.
         """
         if self.pickled:
             raise InputError(
                 f"{', '.join(map(repr, self.pickled))} of it holds Python objects, which are never read: give arrays "
                 "of numbers, and names as text, np.array(names, dtype=str)"
+            )
+        fielded = [name for name, array in self.arrays.items() if array.dtype.kind not in "biufcSU"]
+        if fielded:
+            kind = self.arrays[fielded[0]].dtype
+            raise InputError(
+                f"{', '.join(map(repr, fielded))} of it holds neither numbers nor text ({kind}): give arrays of numbers"
             )
         return self.arrays
 
@@ -109,10 +119,11 @@ def read_array(path: Path) -> NDArray[Any]:
             _require_memory(n_bytes)
             file.seek(0)
             return npy.read_array(file, allow_pickle=False)
-    except (EOFError, ValueError) as error:
+    except _OF_HEADERS as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"it is no valid .npy file ({error}): write it again with numpy.save") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"it is no valid .npy file ({reason}): write it again with numpy.save") from None
 
 
 @dataclass(frozen=True)
@@ -127,10 +138,9 @@ class _Member:
 
 def _read_members(archive: zipfile.ZipFile) -> Archive:
     members = [_read_member(archive, info) for info in archive.infolist() if not info.is_dir()]
-    names = [member.name for member in members]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"it has {names.count(name)} arrays of the name {name!r}: write each once")
+    for name, n in Counter(member.name for member in members).items():
+        if n > 1:
+            raise InputError(f"it has {n} arrays of the name {name!r}: write each once")
     _require_memory(sum(member.n_bytes for member in members if not member.is_pickled))
     arrays = {}
     for member in members:

@@ -173,6 +173,7 @@ def restore_model(fit: StoredFit, study: Study, arrays: Arrays, settings: Settin
         InputError: a result of other interfaces or of the mean of several, an unknown law, or a record that is too
             short.
     """
+    _require_sizes(fit)
     unknown = [name for name in fit.interfaces if name not in study.names]
     if unknown or (fit.kind == "rigid_body" and fit.interfaces != study.names):
         raise InputError(
@@ -232,6 +233,40 @@ def restore_model(fit: StoredFit, study: Study, arrays: Arrays, settings: Settin
     at_start = settings.runs.start_rms * model.motion_rms.ravel()
     known_before[range(starts.start, starts.stop), range(starts.start, starts.stop)] = at_start**2
     return KnownModel(model, np.concatenate([vector[: len(shared)], np.zeros(own.size)]), known_before, False)
+
+
+def _require_sizes(fit: StoredFit) -> None:
+    """Refuse a fit whose lists do not belong together, as where a part of the file is lost."""
+    n, n_interfaces = len(fit.vector), len(fit.interfaces)
+    rows = [len(row) for row in fit.covariance]
+    sides = [len(side) for side in fit.noise_m_per_s2]
+    rms = [len(row) for row in fit.motion_rms]
+    variances = [row[k] for k, row in enumerate(fit.covariance) if k < len(row)]
+    if rows != [n] * n or rms != [2] * n_interfaces or not n or not fit.runs or len(fit.names) > n or 0 in sides:
+        raise InputError(
+            f"the fit in the result has {n} values, a covariance of {len(rows)} rows, and the motion of {len(rms)} of "
+            f"{n_interfaces} interfaces, which do not belong together: identify the study again"
+        )
+    members = [k for group in fit.groups for k in group.members]
+    covariance, std = np.array(fit.covariance), np.sqrt(np.maximum(variances, np.finfo(float).tiny))
+    correlation = covariance / np.outer(std, std)
+    is_covariance = (
+        np.allclose(correlation, correlation.T, atol=1e-6) and np.linalg.eigvalsh(correlation)[0] > -1e-6 * n
+    )
+    inverse_mass = dict(zip(fit.names, fit.vector, strict=False)).get("inverse_mass", 1.0)
+    is_negative = min(variances) < 0.0 or min(fit.held_inverse_mass, fit.repeatability) < 0.0 or not inverse_mass > 0.0
+    is_flat = not all(each > 0.0 for row in (*fit.noise_m_per_s2, *fit.motion_rms) for each in row)
+    if (
+        not is_covariance
+        or is_negative
+        or is_flat
+        or not fit.rate_hz > 0.0
+        or sorted(members) != [*range(n_interfaces)]
+    ):
+        raise InputError(
+            "the fit in the result has a covariance that is none, a noise, motion, mass or rate that is not positive, "
+            "or groups of other interfaces: identify the study again"
+        )
 
 
 def _list_names(names: Sequence[str]) -> str:

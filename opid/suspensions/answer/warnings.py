@@ -81,6 +81,7 @@ def collect_warnings(answer: Answer) -> Iterator[str]:
         yield from run_differences(part)
     if reported:
         yield from _warn_of_ground(answer)
+        yield from warn_of_signs(answer.interfaces)
         yield from warn_of_gas(answer.interfaces, choice.study.interfaces, choice.parts[0].settings.gas)
         yield from warn_of_stops(answer.interfaces)
         for part, evidence in zip(reported, answer.evidence, strict=True):
@@ -528,6 +529,26 @@ def warn_of_gas(
             for doubt in _warn_of_column(each, by_name[each.name], settings):
                 yield where + doubt
         done.add(each.name)
+
+
+def warn_of_signs(interfaces: Sequence[InterfaceEstimate]) -> Iterator[str]:
+    """Yield which suspensions have a stiffness or a damping below zero that no law beside it makes up for."""
+    for each in interfaces:
+        parts = {part_of(term.kind) for term in each.law.terms}
+        for part, name, estimate in (("spring", "stiffness", each.stiffness), ("damper", "damping", each.damping)):
+            if part in parts or estimate.interval95 is None or estimate.interval95[1] >= 0.0:
+                continue
+            where = f" of {each.name!r}" if len(interfaces) > 1 else ""
+            meaning = (
+                "it carries no weight by itself: something else holds the body, as in an inverted pendulum or beyond "
+                "the peak of a softening spring"
+                if part == "spring"
+                else "it would feed the motion: a force that nobody measured follows the motion"
+            )
+            yield (
+                f"the {name}{where} is negative, {abs(estimate.value or 0.0) / (estimate.std or 1.0):.0f} standard "
+                f"deviations below zero, and {meaning}; if that cannot be, check the signs and clocks of the sensors"
+            )
 
 
 def warn_of_stops(interfaces: Sequence[InterfaceEstimate]) -> Iterator[str]:

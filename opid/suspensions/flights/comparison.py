@@ -25,6 +25,7 @@ from opid.suspensions.flights.departures import (
     Status,
     chance_of_steps,
     collect_values,
+    find_usual_law,
     judge_series,
     scatter_between,
 )
@@ -225,13 +226,50 @@ def _estimate_scatter(
 ) -> dict[str, tuple[float, float]]:
     """Return scatter and degrees of freedom for each kind of quantity, of all gears together."""
     # Few flights show little about one quantity, but more about all quantities together.
-    below = settings.narrow_as_others if _is_narrow(value, std, settings.narrow, settings) else settings.narrow
+    are_all = _is_narrow(value, std, settings.narrow, settings) or _do_most_differ(labels, value, std, settings)
+    below = settings.narrow_as_others if are_all else settings.narrow
+    common = _find_common_factor(value, std, settings) if are_all else 0.0
     scatter = {}
     for label in dict.fromkeys(labels):
         mine = np.array([each == label for each in labels])
-        narrow = _is_narrow(value[mine], std[mine], below, settings)
-        scatter[label] = scatter_between(value[mine], std[mine], settings=settings) if narrow else (0.0, math.inf)
+        fraction, freedom = scatter_between(value[mine], std[mine], settings=settings)
+        if not _is_narrow(value[mine], std[mine], below, settings):
+            fraction = 0.0
+        if common and not _are_better(value[mine], std[mine], common, settings):
+            # A few steps may be small by chance.
+            fraction = max(fraction, common * float(np.nanmedian(std[mine] / np.abs(value[mine]))))
+        scatter[label] = (fraction, freedom) if fraction else (0.0, math.inf)
     return scatter
+
+
+def _are_better(value: FloatArray, std: FloatArray, common: float, settings: FlightSettings) -> bool:
+    """Whether the steps of one quantity tell that its flights scatter less than those of all quantities together."""
+    steps = ~np.isnan(np.diff(value)).all(axis=0)
+    is_known = steps.sum() >= settings.enough_steps
+    return bool(is_known and chance_of_steps(value, std * math.hypot(1.0, common)) > settings.exempt)
+
+
+def _find_common_factor(value: FloatArray, std: FloatArray, settings: FlightSettings) -> float:
+    """Return the scatter between flights of all quantities together, in units of their standard deviations."""
+    known = np.isfinite(std).sum(axis=1) > 1
+    unit = np.nanmedian(std[known], axis=1, keepdims=True)
+    scaled = (value[known] - np.nanmedian(value[known], axis=1, keepdims=True)) / unit
+    # Here the values are their distances in standard deviations, about 1.
+    most = settings.largest_scatter * float(np.nanmax(np.abs(value[known]) / std[known]))
+    return scatter_between(scaled + 1.0, std[known] / unit, settings=replace(settings, largest_scatter=most))[0]
+
+
+def _do_most_differ(labels: Sequence[str], value: FloatArray, std: FloatArray, settings: FlightSettings) -> bool:
+    """Whether most quantities of several gears differ between neighbouring flights, however few these are.
+
+    A gear that is harmed does not do that.
+    """
+    from scipy.special import ndtri
+
+    if max(Counter(labels).values()) < 2:
+        return False
+    steps = np.abs(np.diff(value)) / np.hypot(std[:, 1:], std[:, :-1])
+    return bool(np.isfinite(steps).any() and np.nanmedian(steps) > -ndtri(settings.suspect / 2))
 
 
 def _is_narrow(value: FloatArray, std: FloatArray, below: float, settings: FlightSettings) -> bool:
@@ -411,12 +449,12 @@ def _warn_of_laws(flights: Sequence[Flight]) -> Iterator[str]:
     for gear in dict.fromkeys(gear for flight in flights for gear in flight.laws):
         of_flight = {flight.name: flight.laws[gear] for flight in flights if gear in flight.laws}
         name_of = {kinds: " + ".join(kinds) or "linear" for kinds in of_flight.values()}
-        usual, _ = Counter(of_flight.values()).most_common(1)[0]
+        usual = find_usual_law(flights, gear)
         others = [f"{name_of[kinds]} in {name!r}" for name, kinds in of_flight.items() if kinds != usual]
         if others:
             yield (
-                f"the law of {gear!r} is {name_of[usual]}, but {list_names(others)}: amplitudes of different kinds are "
-                "not compared, and stiffness and damping are the linear part beside the law; identify all flights "
+                f"the law of {gear!r} is {name_of[usual]}, but {list_names(others)}: neither their amplitudes nor "
+                "stiffness and damping, which are the linear part beside the law, are compared; identify all flights "
                 "with one law (--law)"
             )
 

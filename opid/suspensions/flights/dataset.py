@@ -205,18 +205,21 @@ def read_dataset(path: str | os.PathLike[str]) -> FleetDataset:
     for part in parts:
         try:
             table = pyarrow.parquet.ParquetFile(part).read()
-        except (OSError, pyarrow.ArrowException) as error:
+            named = (table.schema.metadata or {}).get(COVARIATES.encode(), b"").decode().splitlines()
+        except (OSError, ValueError, pyarrow.ArrowException) as error:
             raise InputError(f"{part} is no sound Parquet file: run `opid campaign` again") from error
         lacking = columns().keys() - set(table.column_names)
         if lacking:
             raise InputError(f"{part} has no column {', '.join(sorted(lacking))}: give a dataset of `opid campaign`")
-        named = (table.schema.metadata or {}).get(COVARIATES.encode(), b"").decode().splitlines()
         if names is not None and named != names:
             raise InputError(f"{part} has other covariates than the parts before it: run `opid campaign` again")
         names = named
         tail = unquote(part.parent.name.removeprefix("tail="))
         found.append(table.append_column("tail", pyarrow.array(["" if tail == _NO_TAIL else tail] * table.num_rows)))
-    return _split_by_quantity(folder, pyarrow.concat_tables(found), names or [], tuple(map(read_file, parts)))
+    try:
+        return _split_by_quantity(folder, pyarrow.concat_tables(found), names or [], tuple(map(read_file, parts)))
+    except (ValueError, TypeError, pyarrow.ArrowException) as error:
+        raise InputError(f"a part of {folder} holds values of another kind: run `opid campaign` again") from error
 
 
 def _split_by_quantity(

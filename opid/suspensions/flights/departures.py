@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -24,7 +25,10 @@ class FlightSettings:
         narrow: intervals are too narrow where the chance of the steps between neighbouring flights is below this ...
         narrow_as_others: ... or below this for one quantity, where the intervals of all together are too narrow.
         enough_steps: fewer steps between neighbouring flights do not distinguish a change from scatter.
-        suspect: below this chance of the steps scatter is not yet certain, but a flag may be scatter.
+        exempt: where the intervals of all together are too narrow, the scatter of all counts for a quantity, too,
+            unless steps as large as its own have this chance with it.
+        suspect: below this chance of the steps scatter is not yet certain, but a flag may be scatter; where it is that
+            of the middle step of all quantities, they have scatter.
         clear_std: a change is given as a fraction where the value before is this many standard deviations from zero.
         following: one-sided chance at which the flight after a flagged one confirms it. It is a single test, so it
             shares the false alarms with no other.
@@ -39,6 +43,7 @@ class FlightSettings:
     narrow: float = 0.01
     narrow_as_others: float = 0.5
     enough_steps: int = 4
+    exempt: float = 0.999
     suspect: float = 0.1
     clear_std: float = 5.0
     following: float = 0.01
@@ -51,13 +56,17 @@ DEFAULTS = FlightSettings()
 
 
 class Status(StrEnum):
-    """The verdict on one quantity of one flight: it is the first, as expected or flagged, or it is not judged."""
+    """The verdict on one quantity of one flight: it is the first, as expected or flagged, or it is not judged.
+
+    Stiffness and damping beside a law of another kind than that of the other flights are not judged.
+    """
 
     FIRST = "first"
     AS_EXPECTED = "as expected"
     FLAGGED = "flagged"
     NO_VALUE = "no value"
     NO_INTERVAL = "no interval"
+    OTHER_LAW = "other law"
 
 
 @dataclass(frozen=True)
@@ -94,7 +103,7 @@ class Point:
     @property
     def has_interval(self) -> bool:
         """Whether it has a value with an interval, and so can be judged."""
-        return self.status not in (Status.NO_VALUE, Status.NO_INTERVAL)
+        return self.status not in (Status.NO_VALUE, Status.NO_INTERVAL, Status.OTHER_LAW)
 
 
 @dataclass(frozen=True)
@@ -144,13 +153,26 @@ class MeasuredQuantity:
         return [point.flight for point in self.points]
 
 
+def find_usual_law(flights: Sequence[Flight], gear: str) -> tuple[str, ...]:
+    """Return the kinds of the law that most flights have for a suspension; the first ones where as many differ."""
+    return Counter(flight.laws[gear] for flight in flights if gear in flight.laws).most_common(1)[0][0]
+
+
 def collect_values(flights: Sequence[Flight], quantity: Quantity) -> MeasuredQuantity:
-    """Return the values of one quantity in all flights."""
+    """Return the values of one quantity in all flights.
+
+    Stiffness and damping are the linear part beside the law: those beside laws of different kinds differ though the
+    suspension is the same.
+    """
+    is_linear_part = quantity.name in ("stiffness", "damping") and not quantity.kind
+    usual = find_usual_law(flights, quantity.gear) if is_linear_part else None
     kept: list[Point] = []
     others: list[Point] = []
     for index, flight in enumerate(flights):
         estimate = flight.values.get(quantity, Estimate())
         status = Status.NO_VALUE if estimate.value is None else Status.NO_INTERVAL if not estimate.std else Status.FIRST
+        if status is Status.FIRST and usual is not None and flight.laws[quantity.gear] != usual:
+            status = Status.OTHER_LAW
         (kept if status is Status.FIRST else others).append(Point(index, estimate, status))
     value, std = np.array([[each.estimate.value, each.estimate.std] for each in kept], dtype=float).reshape(-1, 2).T
     return MeasuredQuantity(quantity, tuple(kept), value, std, tuple(others))

@@ -250,8 +250,12 @@ class _Table:
         if not all(isinstance(end, (int, float)) and math.isfinite(end) for end in ends) or len(ends) not in (0, 2):
             self.faults.append(f"{table.where}interval95 is {ends!r} where two finite numbers are needed")
             ends = []
+        if std is not None and std < 0:
+            self.faults.append(f"{table.where}std is {std!r} where a positive number is needed")
         if value is None:
             return Estimate()
+        if ends and not ends[0] <= value <= ends[1]:
+            self.faults.append(f"{table.where}interval95 is {ends!r}, which does not hold the value {value!r}")
         if ends:
             low, high = (float(end) for end in ends)
             return Estimate(value, std if std else (high - low) / (2 * 1.96), (low, high))
@@ -273,7 +277,10 @@ def _build_flight(path: Path, name: str, document: _Table) -> Flight:
     if structure is not None and structure.is_true("is_one_gear"):
         structure = None
     method, day = document.text("method"), document.day("date")
-    values = {Quantity("", "mass", "kg"): document.table("parameters").estimate("sprung_mass_kg")}
+    mass = document.table("parameters").estimate("sprung_mass_kg")
+    if mass.value is not None and not mass.value > 0:
+        document.faults.append(f"parameters.sprung_mass_kg.value is {mass.value!r} where a positive number is needed")
+    values = {Quantity("", "mass", "kg"): mass}
     laws: dict[str, tuple[str, ...]] = {}
     are_per_mass = []
     for gear, kinds, per_mass, of_gear in _read_one_gear(document) if structure is None else _read_gears(document):

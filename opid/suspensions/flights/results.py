@@ -16,6 +16,9 @@ from opid.suspensions.flights.result_file import Flight, read_flight
 
 STUDY_FILE = "study.toml"
 
+EARLIEST = date(1990, 1, 1)
+"""No log that is read here is older; clocks that have lost their time begin in 1904, 1970 or 1980."""
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -64,7 +67,7 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
         NotDeterminedError: fewer than two flights remain that can be compared.
     """
     files, unfinished = _list_files(paths)
-    twice = [str(file) for file, n in Counter(file.resolve() for file in files).items() if n > 1]
+    twice = [str(file) for file, n in Counter(os.path.realpath(file) for file in files).items() if n > 1]
     if twice:
         raise InputError(f"{list_names(twice)}: given more than once, give each result once")
     names = _name_results(files)
@@ -91,6 +94,14 @@ def put_in_order(flights: Sequence[Flight]) -> Flights:
         note = (
             f"{len(without)} of {len(flights)} results have no date ({list_names(without)}): all are taken in the "
             "order in which they were given; put 'date = 2026-03-01' into each study file to have them sorted"
+        )
+        return Flights(tuple(flights), False, notes=(note,))
+    if early := [flight for flight in flights if flight.date and flight.date < EARLIEST]:
+        written = ", ".join(sorted({str(flight.date) for flight in early}))
+        note = (
+            f"{len(early)} of {len(flights)} results have the date {written} ({list_names([f.name for f in early])}), "
+            "as clocks write that have lost their time: all are taken in the order in which they were given; correct "
+            "'date' in each study file to have them sorted"
         )
         return Flights(tuple(flights), False, notes=(note,))
     ordered = sorted(flights, key=lambda flight: flight.date or date.min)
@@ -139,7 +150,7 @@ def _name_results(files: Sequence[Path]) -> list[str]:
     """Name each result after the folder of its study, or by its whole path if two have that name."""
     names = []
     for file in files:
-        above = [part for part in file.resolve().parts[:-1] if part not in ("out", "result")]
+        above = [part for part in Path(os.path.realpath(file)).parts[:-1] if part not in ("out", "result")]
         name = file.stem if file.name != RESULT_FILE else above[-1]
         names.append(name.removesuffix("_result") or name)
     return [str(file) if names.count(name) > 1 else name for file, name in zip(files, names, strict=True)]

@@ -41,14 +41,27 @@ class _CurveFit:
     log_amplitude_std: float
 
 
-def warn_of_contradictions(
+@dataclass(frozen=True)
+class Contradiction:
+    """What contradicts the other measurements or the structure.
+
+    Args:
+        sentence: the contradiction in a sentence.
+        spoils_theta: whether theta is wrong by more than its interval tells, if the sentence is right.
+    """
+
+    sentence: str
+    spoils_theta: bool = True
+
+
+def find_contradictions(
     data: BackboneData,
     model_class: ModelClass,
     best: FloatArray,
     backbones: Sequence[MeasuredBackbone],
     *,
     unfit: Container[int] = (),
-) -> Iterator[str]:
+) -> Iterator[Contradiction]:
     """Yield what contradicts the other measurements or the structure by more than the stated errors.
 
     Args:
@@ -64,14 +77,15 @@ def warn_of_contradictions(
     for mode, curves in zip(data.modes, by_mode(backbones).values(), strict=True):
         own = _fit_curves(data, mode, curves, model_class, best)
         if mode.mode not in unfit:  # The extrapolation of a wrong law to small amplitudes has an error of its own.
-            yield from _warn_of_frequency(mode, own, data.noise)
-        yield from _warn_of_days(mode, own, data.noise)
+            yield from map(Contradiction, _warn_of_frequency(mode, own, data.noise))
+        # A day has an offset of its own, which changes no growth.
+        yield from (Contradiction(each, spoils_theta=False) for each in _warn_of_days(mode, own, data.noise))
         fits += own
     # A curve in another unit spoils the model, and a sensor in the place of the controlled one all amplitudes.
     yield from (
-        [*_warn_of_scales(backbones, data.noise)]
-        or [*_warn_of_sensors(data, model_class, best)]
-        or _warn_of_amplitudes(fits)
+        [*map(Contradiction, _warn_of_scales(backbones, data.noise))]
+        or [*_find_wrong_sensors(data, model_class, best)]
+        or map(Contradiction, _warn_of_amplitudes(fits))
     )
 
 
@@ -245,13 +259,13 @@ def _fit_line(x: FloatArray, y: FloatArray, least_noise: float) -> tuple[float, 
 # ---- sensors ----------------------------------------------------------------------------------------
 
 
-def _warn_of_sensors(data: BackboneData, model_class: ModelClass, best: FloatArray) -> Iterator[str]:
-    """Yield at most one sentence, on two sensors in each other's place, or one with another gain or sign."""
-    pairs = [pair for mode in data.modes if (pair := _find_shapes(data, mode, model_class, best)) is not None]
-    if not pairs or not data.noise.shapes:
+def _find_wrong_sensors(data: BackboneData, model_class: ModelClass, best: FloatArray) -> Iterator[Contradiction]:
+    """Yield at most one contradiction: two sensors in each other's place, or one with another gain or sign."""
+    shapes = _compare_shapes(data, model_class, best)
+    if shapes is None:
         return
-    names, std = data.system.sensors, float(np.hypot(data.noise.linear_shape_error, data.noise.shape_offset))
-    measured, model = (np.array(each) for each in zip(*pairs, strict=True))
+    (measured, model), names, std = shapes, data.system.sensors, _find_shape_std(data.noise)
+    controlled = {sensor for mode in data.modes for sensor, _ in mode.parts}
     seen = np.isfinite(measured)
 
     def find_misfit(shapes: FloatArray) -> float:
@@ -272,16 +286,74 @@ def _warn_of_sensors(data: BackboneData, model_class: ModelClass, best: FloatArr
     if exchanged:
         left, one, other = min(exchanged)
         if as_given - left > UPDATING.contradicting_sigma**2 and left < UPDATING.better_exchanged * as_given:
-            yield (
+            yield Contradiction(
                 f"sensors {names[one]!r} and {names[other]!r} seem to be exchanged: the measured shapes are nearer to "
-                f"the structure then (misfit {left:.0f} instead of {as_given:.0f}); check the order of the columns"
+                f"the structure then (misfit {left:.0f} instead of {as_given:.0f}); check the order of the columns",
+                spoils_theta=not controlled.isdisjoint({names[one], names[other]}),
             )
             return
-    yield from _warn_of_gain(names, measured, model, std)
+    gains = _estimate_gains(names, measured, model, std)
+    found = [each for each in gains if each.score > UPDATING.contradicting_sigma and each.apart > UPDATING.least_apart]
+    if found:
+        worst = max(found, key=lambda each: each.score)
+        yield Contradiction(
+            f"sensor {worst.name!r} reads {worst.gain:.2g} times what the structure and the other sensors say, in all "
+            "modes in which it moves: check its unit, its gain and its sign; where it is the controlled sensor, theta "
+            "is wrong",
+            spoils_theta=worst.name in controlled,
+        )
 
 
-def _warn_of_gain(names: Sequence[str], measured: FloatArray, model: FloatArray, std: float) -> Iterator[str]:
-    """Yield at most one sentence, on a sensor that reads another multiple of its motion than the other ones."""
+def find_motion_errors(data: BackboneData, model_class: ModelClass, best: FloatArray) -> dict[str, float]:
+    """Return the relative standard deviation of the amplitudes of each controlled sensor, by its name.
+
+    It is `motion_error`, and more where the shapes say that the sensor reads another multiple of its motion than the
+    others by more than chance: the variance that this takes is added.
+    """
+    stated = data.noise.motion_error
+    errors = {sensor: stated for mode in data.modes for sensor, _ in mode.parts}
+    shapes = _compare_shapes(data, model_class, best) if stated else None
+    for each in _estimate_gains(data.system.sensors, *shapes, _find_shape_std(data.noise)) if shapes else ():
+        if each.name in errors:
+            beyond = max(each.apart**2 - (UPDATING.odd_gain_sigma * each.std) ** 2, 0.0)
+            errors[each.name] = float(np.sqrt(stated**2 + beyond))
+    return errors
+
+
+def _compare_shapes(
+    data: BackboneData, model_class: ModelClass, best: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the measured shapes and those of the model, (n_modes, n_sensors); None where they are not used."""
+    pairs = [pair for mode in data.modes if (pair := _find_shapes(data, mode, model_class, best)) is not None]
+    if not pairs or not data.noise.shapes:
+        return None
+    measured, model = (np.array(each) for each in zip(*pairs, strict=True))
+    return measured, model
+
+
+def _find_shape_std(noise: NoiseSettings) -> float:
+    return float(np.hypot(noise.linear_shape_error, noise.shape_offset))
+
+
+@dataclass(frozen=True)
+class _Gain:
+    """The motion of a sensor in all modes over what the structure and the other sensors say."""
+
+    name: str
+    gain: float
+    std: float  # by the errors of the shapes
+
+    @property
+    def apart(self) -> float:
+        return abs(self.gain - 1.0)
+
+    @property
+    def score(self) -> float:
+        return self.apart / self.std
+
+
+def _estimate_gains(names: Sequence[str], measured: FloatArray, model: FloatArray, std: float) -> list[_Gain]:
+    """Return the gain of each sensor that moves enough and has the same one in all modes."""
     # Of two sensors nobody knows which one is wrong.
     kept = _find_moving(model).sum(axis=1) >= UPDATING.fewest_alike
     moves = _find_moving(model) & kept[:, np.newaxis]
@@ -289,26 +361,18 @@ def _warn_of_gain(names: Sequence[str], measured: FloatArray, model: FloatArray,
     # A mode in which most sensors are dead tells no gain.
     kept[kept] = np.nanmedian(ratio[kept], axis=1) != 0.0
     if not kept.any():
-        return
+        return []
     model, moves, ratio = model[kept], moves[kept], ratio[kept] / np.nanmedian(ratio[kept], axis=1, keepdims=True)
     found = []
     for column, name in enumerate(names):
         own, weight = ratio[moves[:, column], column], (model[moves[:, column], column] / std) ** 2
         if not own.size:
             continue
-        gain = float(weight @ own / weight.sum())
+        gain = _Gain(name, float(weight @ own / weight.sum()), float(np.sqrt(1 / weight.sum())))
         # A gain is the same in all modes; an error of a shape is not.
-        chance = float(np.sqrt(1 / weight.sum()))
-        apart = float(np.sqrt(weight @ (own - gain) ** 2 / own.size))
-        score = abs(gain - 1.0) / chance
-        if score > UPDATING.contradicting_sigma and abs(gain - 1.0) > UPDATING.least_apart and apart < score / 2:
-            found.append((score, gain, name))
-    if found:
-        _, gain, name = max(found)
-        yield (
-            f"sensor {name!r} reads {gain:.2g} times what the structure and the other sensors say, in all modes in "
-            "which it moves: check its unit, its gain and its sign; where it is the controlled sensor, theta is wrong"
-        )
+        if np.sqrt(weight @ (own - gain.gain) ** 2 / own.size) < gain.score / 2:
+            found.append(gain)
+    return found
 
 
 def _find_moving(model: FloatArray) -> BoolArray:

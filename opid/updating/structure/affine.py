@@ -5,6 +5,7 @@ It is made of sparse matrices with names, or of what scikit-fem assembled.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from opid.errors import InputError, nearest, refuse
-from opid.signals.recording import FloatArray
+from opid.signals.recording import FloatArray, has_usual_size
 
 Point = tuple[float | Sequence[float], str]
 """Coordinates of a point of a mesh, and the component of its motion."""
@@ -236,12 +237,20 @@ def find_joint_rows(joints: Mapping[str, tuple[str, ...]], dofs: Sequence[str]) 
     return rows
 
 
+_MOST_UNKNOWN = 12  # names that are told: a list of another structure has thousands
+
+
 def matrix_faults(name: str, matrix: sparse.csr_matrix, dofs: Sequence[str]) -> Iterator[str]:
     """Yield what is wrong with one matrix of a structure, "mass", "stiffness" or a part of it."""
     if matrix.shape != (len(dofs), len(dofs)):
         yield f"the {name} matrix has shape {matrix.shape} for {len(dofs)} degrees of freedom: give a square one"
     elif not np.isfinite(matrix.data).all():
         yield f"the {name} matrix has entries that are not finite: export it again"
+    elif not has_usual_size(matrix.data):
+        yield (
+            f"the {name} matrix has entries up to {np.abs(matrix.data).max():.3g}, which no structure has: export it "
+            "in SI units"
+        )
     else:
         # Rounding in a finite-element code may leave a small difference.
         if matrix.nnz and np.abs((matrix - matrix.T).data).max(initial=0.0) > 1e-8 * np.abs(matrix.data).max():
@@ -268,15 +277,17 @@ def name_faults(
     """
     known = dict.fromkeys(dofs)
     if len(known) < len(dofs):
-        twice = next(name for name in dofs if dofs.count(name) > 1)
+        twice = next(name for name, n in Counter(dofs).items() if n > 1)
         yield f"two degrees of freedom are called {twice!r}: give each a name of its own"
     if not sensors:
         yield "no sensor is named: name the degrees of freedom that are measured"
     named = [("sensor", sensor) for sensor in sensors]
     named += [(f"joint {joint!r}", end) for joint, ends in joints.items() for end in ends]
-    for part, name in named:
-        if name not in known:
-            yield f"{part} names the {what} {name!r}, which does not exist: {nearest(name, known)}"
+    unknown = dict.fromkeys((part, name) for part, name in named if name not in known)
+    for part, name in [*unknown][:_MOST_UNKNOWN]:
+        yield f"{part} names the {what} {name!r}, which does not exist: {nearest(name, known)}"
+    if len(unknown) > _MOST_UNKNOWN:
+        yield f"{len(unknown) - _MOST_UNKNOWN} more names do not exist"
     for joint, ends in joints.items():
         if len(ends) not in (1, 2):
             yield f"joint {joint!r} has {len(ends)} ends: name the two between which it lies, or one for the ground"

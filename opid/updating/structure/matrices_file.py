@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from opid.errors import InputError, nearest, refuse
-from opid.signals.files import write_whole
+from opid.signals.files import read_text, write_whole
 from opid.signals.logs.archives import read_archive, read_array
 from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults, structure_faults
 
@@ -24,6 +25,8 @@ Source = str | os.PathLike[str]
 PART = "part_"  # prefix of the name of a matrix that a parameter multiplies: part_E_steel for E_steel
 MARKET = (".mtx", ".mtx.gz")
 BOEING = (".hb", ".rsa", ".rua")
+_MOST_ENDS = 8  # cells of a row of joints, which has two or three
+_MOST_NAMES = 1_000_000  # more than a structure of matrices that are solved here has
 NAMES = ("dofs", "sensors", "joints")  # arrays that a file may hold beside matrices
 PIECES = ("data", "indices", "indptr")  # arrays of a sparse matrix in npz, by rows as in scipy
 
@@ -209,9 +212,10 @@ def _read_sparse_npz(path: Path) -> Any:
     compressed = {"csr": sparse.csr_matrix, "csc": sparse.csc_matrix, "bsr": sparse.bsr_matrix}
     shape = tuple(arrays["shape"].tolist())
     if kind in compressed:
-        matrix = compressed[kind](tuple(arrays[piece] for piece in PIECES), shape=shape)
-        matrix.check_format(full_check=True)
-        return matrix
+        try:
+            return _make_sparse(compressed[kind], tuple(arrays[piece] for piece in PIECES), shape)
+        except InputError as error:
+            raise InputError(f"it cannot be read, its arrays {error}") from None
     if kind == "coo":
         return sparse.coo_matrix((arrays["data"], (arrays["row"], arrays["col"])), shape=shape)
     if kind == "dia":
@@ -252,16 +256,32 @@ def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
         if missing:
             raise InputError(f"{path}: the sparse matrix {name!r} lacks {name}_{missing[0]}: store all of {PIECES}")
         data, indices, indptr = (np.ravel(found.pop(f"{name}_{piece}")) for piece in PIECES)
-        size = len(indptr) - 1
         try:
-            matrix = sparse.csr_matrix((data, indices, indptr), shape=(size, size))
-            matrix.check_format(full_check=True)
-        except ValueError as error:
-            raise InputError(
-                f"{path}: the arrays of {name!r} do not make a sparse matrix ({error}): store it again"
-            ) from None
+            matrix = _make_sparse(sparse.csr_matrix, (data, indices, indptr), (len(indptr) - 1,) * 2)
+        except InputError as error:
+            raise InputError(f"{path}: the arrays of {name!r} {error}") from None
         found[name] = matrix
     return found
+
+
+def _make_sparse(kind: Callable[..., Any], pieces: tuple[Any, ...], shape: tuple[int, ...]) -> Any:
+    """Return the sparse matrix of three arrays, whose pointers must be whole numbers inside it."""
+    data, *pointers = pieces
+    if pointers[-1].ndim != 1 or (np.diff(pointers[-1]) < 0).any():
+        # scipy does not check pointers that end below zero
+        raise InputError("do not make a sparse matrix (indptr falls): store it again")
+    if data.dtype.kind not in "iuf" or any(each.dtype.kind not in "iu" for each in pointers) or min(shape) < 1:
+        kinds = ", ".join(f"{name} {each.dtype}" for name, each in zip(PIECES, pieces, strict=True))
+        raise InputError(
+            f"do not make a sparse matrix of the shape {shape} ({kinds}): store numbers, and whole numbers as pointers"
+        )
+    try:
+        matrix = kind(pieces, shape=shape)
+        matrix.check_format(full_check=True)
+    except (ValueError, TypeError, OverflowError, IndexError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"do not make a sparse matrix ({reason}): store it again") from None
+    return matrix
 
 
 def _to_matrix(name: str, value: Any) -> sparse.csr_matrix:
@@ -312,8 +332,8 @@ def _read_labels(path: Path, n_dof: int | None) -> tuple[str, ...]:
     if not path.is_file():
         raise InputError(f"there is no file {path}: check the name and the folder")
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(path)
+    except (OSError, InputError) as error:
         raise InputError(f"{path} cannot be read as text ({error}): save the labels as UTF-8") from None
     if path.suffix.lower() != ".csv":
         return tuple(line.strip() for line in text.splitlines() if line.strip())
@@ -331,7 +351,10 @@ def _to_texts(name: str, given: Any) -> tuple[str, ...]:
     """Return the text of a list, a numpy array, or a MATLAB cell array or character matrix; numbers become text."""
     if isinstance(given, str):
         raise InputError(f"{name} is the text {given!r}: give a list of names")
-    cells = [cell for entry in np.ravel(np.asarray(given)) for cell in np.ravel(np.asarray(entry))]
+    array = np.asarray(given)
+    if array.size > _MOST_NAMES:
+        raise InputError(f"{name} holds {array.size} entries: give at most {_MOST_NAMES}, each with a name")
+    cells = [cell for entry in np.ravel(array) for cell in np.ravel(np.asarray(entry))]
     for cell in cells:
         if not isinstance(cell, str | int | np.integer | float) or cell != cell:
             raise InputError(f"{name} holds {cell!r}: give names")
@@ -345,9 +368,10 @@ def _read_joint_ends(given: Any) -> dict[str, tuple[str, ...]]:
     else:
         texts = _to_texts("joints", given)
         width = np.shape(given)[-1] if texts else 3
+        if np.ndim(given) > 2 or width > _MOST_ENDS:
+            raise InputError(f"joints has the shape {np.shape(given)}: give a row of name, end and other end for each")
         rows = [texts[start : start + width] for start in range(0, len(texts), width)]
-    names = [str(row[0]) for row in rows]
-    for name in names:
-        if names.count(name) > 1:
+    for name, n in Counter(str(row[0]) for row in rows).items():
+        if n > 1:
             raise InputError(f"two joints are called {name!r}: give each a name of its own")
     return {str(name): tuple(str(end) for end in ends if end != "") for name, *ends in rows}
