@@ -307,16 +307,16 @@ def plain_numbers(axis: Axis) -> None:
 
 # ---- texts that hold names of the user ---------------------------------------------------------------
 
-LONGEST_WORD, LONGEST_LINE, MOST_LINES = 30, 84, 8
+LONGEST_WORD, LONGEST_LINE, MOST_LINES = 44, 84, 8
 """Letters of a word and of a line of a figure, and its lines: a longer one would leave no room for the curves."""
 
-LONGEST_ENTRY, LONGEST_NOTE = 48, 30
+LONGEST_ENTRY, LONGEST_NOTE = 48, 44
 """Letters of an entry of a legend, and of a name at a point: both lie over the curves, or beside others."""
 
 LONGEST_NAMES = (56, 30, 20)
 """Letters of a name at a row where one, two, or more panels stand beside each other: it takes its room from them."""
 
-LETTER_IN, LEAST_TITLE = 0.08, 30
+LETTER_IN, LEAST_TITLE = 0.08, 34
 """Mean width of a bold letter of 10 points, inches, and the letters of a title that a panel has room for
 in any case: a title may be as long as its panel is wide."""
 
@@ -358,7 +358,7 @@ def shorten(text: str, most: int = LONGEST_LINE) -> str:
     """Return a text for a figure: long words and lines lose their middle, and what is invisible is left out.
 
     >>> shorten("run 'a" + 1000 * "b" + "c'"), len(shorten(1000 * "ab "))
-    ("run 'abbbbbbbbbbbbbbbbb…bbbbbbbbc'", 84)
+    ("run 'abbbbbbbbbbbbbbbbbbbbbbbbbbb…bbbbbbbbbbbbc'", 84)
     """
     lines = [INVISIBLE.sub("", line.replace("\t", " ")) for line in re.split(r"\r\n|[\n\r]", text)]
     kept = lines[:MOST_LINES] if len(lines) <= MOST_LINES else [*lines[: MOST_LINES - 1], "…"]
