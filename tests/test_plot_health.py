@@ -173,7 +173,7 @@ def test_names_are_drawn_as_they_are_and_long_ones_from_their_end():
     assert titles[0] == "$x^{$"
     assert titles[1].startswith("…")
     assert titles[1].endswith("a/upper_z")
-    assert len(titles[1]) == 44
+    assert len(titles[1]) == 26
     assert titles[2] == "up\\nper"
 
 

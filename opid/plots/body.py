@@ -20,6 +20,7 @@ from opid.plots.style import (
     GREEN,
     GREY,
     INK,
+    LONGEST_NAMES,
     PALE,
     SHADED,
     SKY,
@@ -39,6 +40,7 @@ from opid.plots.style import (
     panels_in_rows,
     plain_numbers,
     require_answer,
+    shorten,
     smooth_lines,
     thicken,
     write_note,
@@ -70,11 +72,11 @@ def plan_view(result: Identification, ax: Any = None, *, truth: BodyTruth | None
             ax.plot([y, sensor_y], [x, sensor_x], color=PALE, linewidth=1.2, zorder=1)
             # the ring hides no sensor that stands near it
             ax.plot([y], [x], marker="o", markersize=11, color=INK, markerfacecolor="none", markeredgewidth=1.8)
-            write_note(ax, name, (y, x), (0, -16), fontweight="bold", ha="center")
+            write_note(ax, shorten(name, LONGEST_NAMES[1]), (y, x), (0, -16), fontweight="bold", ha="center")
             _draw_sensor(ax, sensor_x, sensor_y)
         for name, (x, y) in list_further_sensors(result).items():
             _draw_sensor(ax, x, y)
-            write_note(ax, name, (y, x), (8, 0), color=BLUE, va="center")
+            write_note(ax, shorten(name, LONGEST_NAMES[1]), (y, x), (8, 0), color=BLUE, va="center")
         _draw_loadings(ax, result)
         _draw_centre_of_gravity(ax, result, truth)
         _scale_axes(ax)

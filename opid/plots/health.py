@@ -45,7 +45,7 @@ MOST_STRETCHES = 100
 MOST_LABELS = 6
 # with this many channels at most, each row has more height
 FEW = 6
-LONGEST_NAME = 44
+LONGEST_NAME = 26
 # the colours span from the one to the other at most: a value that is held would make the range far too large
 LEAST_DB, DEEPEST_DB = 40.0, 90.0
 
@@ -146,10 +146,7 @@ def orientation_picture(health: Health, axes: Any = None) -> np.ndarray:
                 ax.plot([0, right], [0, top], color=color, linewidth=2.0)
                 ax.plot([right], [top], "o", color=color, markersize=5)
                 write_note(ax, letter, (right, top), (4, 4), color=color)
-            title = ax.set_title(
-                f"{_shorten_name(name)}, {format_minus(f'{np.degrees(found.std_rad):.2g}')}° std. dev."
-            )
-            title.set_parse_math(False)
+            ax.set_title(f"{_shorten_name(name)}, {format_minus(f'{np.degrees(found.std_rad):.2g}')}° std. dev.")
             ax.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), aspect="equal", xlabel="across", ylabel="up")
     return grid
 
@@ -172,10 +169,9 @@ def _draw_history(
     ax: Axes, channel: ChannelHealth, wrong: dict[str, list[Stretch]], segment_s: tuple[float, float] | None
 ) -> None:
     unit = "" if channel.unit == "?" else f" {format_units(channel.unit)}"
-    title = ax.set_title(
+    ax.set_title(
         f"{_shorten_name(channel.name)}, {'mute' if channel.mute else f'{format_number(channel.rms, 4)}{unit} rms'}"
     )
-    title.set_parse_math(False)  # a name may hold dollar signs
     ax.set_ylabel("[no unit]" if channel.unit == "?" else f"[{format_units(channel.unit)}]")
     overview = channel.overview
     if overview is None or not np.isfinite(overview.lowest).any():

@@ -26,6 +26,7 @@ from opid.plots.style import (
     house_style,
     panels,
     plain_numbers,
+    take_axes,
     thicken,
     write_note,
 )
@@ -91,6 +92,7 @@ def mode_indicators(
     marked = dict(marked or {})
     with house_style():
         flat = np.atleast_1d(np.asarray(_make_panels(len(zoomed)) if axes is None else axes, dtype=object)).ravel()
+        take_axes(flat)
         top = float(np.nanmax(resynthesised.value[:, 0]))
         for ax in flat:
             for color, (name, indicator) in zip(_choose_colors(len(measured)), measured.items(), strict=True):

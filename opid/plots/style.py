@@ -307,16 +307,16 @@ def plain_numbers(axis: Axis) -> None:
 
 # ---- texts that hold names of the user ---------------------------------------------------------------
 
-LONGEST_WORD, LONGEST_LINE, MOST_LINES = 30, 84, 8
-"""Letters of a word and of a line of a figure, and its lines: a longer one would leave no room for the curves."""
+LONGEST_LINE, MOST_LINES, LEAST_WORD = 84, 8, 12
+"""Letters of a line of a figure, and its lines, more would leave no room for the curves; letters that a word keeps."""
 
-LONGEST_ENTRY, LONGEST_NOTE = 48, 30
-"""Letters of an entry of a legend, and of a name at a point: both lie over the curves, or beside others."""
+LONGEST_ENTRY, LONGEST_NOTE = 48, 64
+"""Letters of an entry of a legend, and of a note at a point: both lie over the curves, or beside others."""
 
 LONGEST_NAMES = (56, 30, 20)
 """Letters of a name at a row where one, two, or more panels stand beside each other: it takes its room from them."""
 
-LETTER_IN, LEAST_TITLE = 0.08, 30
+LETTER_IN, LEAST_TITLE = 0.08, 34
 """Mean width of a bold letter of 10 points, inches, and the letters of a title that a panel has room for
 in any case: a title may be as long as its panel is wide."""
 
@@ -355,15 +355,24 @@ class NamedTicks(FixedFormatter):
 
 
 def shorten(text: str, most: int = LONGEST_LINE) -> str:
-    """Return a text for a figure: long words and lines lose their middle, and what is invisible is left out.
+    """Return a text for a figure, without what is invisible.
 
-    >>> shorten("run 'a" + 1000 * "b" + "c'"), len(shorten(1000 * "ab "))
-    ("run 'abbbbbbbbbbbbbbbbb…bbbbbbbbc'", 84)
+    A line that is too long loses the middle of its longest word, which is a name, and where that is not enough, its
+    own middle.
+
+    >>> shorten("run 'a" + 1000 * "b" + "c', 5 kg", 30), len(shorten(1000 * "ab "))
+    ("run 'abbbbbbbbbbb…bbbbc', 5 kg", 84)
     """
     lines = [INVISIBLE.sub("", line.replace("\t", " ")) for line in re.split(r"\r\n|[\n\r]", text)]
     kept = lines[:MOST_LINES] if len(lines) <= MOST_LINES else [*lines[: MOST_LINES - 1], "…"]
-    word = min(most, LONGEST_WORD)
-    return "\n".join(_cut(" ".join(_cut(each, word) for each in line.split(" ")), most) for line in kept)
+    return "\n".join(_cut_line(line, most) for line in kept)
+
+
+def _cut_line(line: str, most: int) -> str:
+    if len(line) > most:
+        longest = max(line.split(" "), key=len)
+        line = line.replace(longest, _cut(longest, max(LEAST_WORD, len(longest) + most - len(line))), 1)
+    return _cut(line, most)
 
 
 def _cut(text: str, most: int) -> str:
@@ -384,8 +393,9 @@ def _mend_texts(ax: Axes) -> None:
     bars = [each for each in figure.axes if getattr(each, "_colorbar", None) is not None]
     spec = ax.get_subplotspec()
     beside = 1 if spec is None else spec.get_gridspec().ncols
-    n_columns = 1 if spec is None else len(spec.colspan)
-    room_in = figure.get_figwidth() * n_columns / beside - 0.4
+    widths = np.ones(1) if spec is None else np.array(spec.get_gridspec().get_width_ratios(), dtype=float)
+    part = 1.0 if spec is None else float(widths[spec.colspan.start : spec.colspan.stop].sum() / widths.sum())
+    room_in = figure.get_figwidth() * part - 0.4
     title = min(LONGEST_LINE, max(int(room_in / LETTER_IN), LEAST_TITLE))
     for artist in ax.get_children():
         label = artist.get_label()

@@ -82,7 +82,7 @@ _ELEMENTS = {
 }
 _ATTRIBUTES = {
     *("display", "stretchy", "fence", "form", "separator", "mathvariant", "columnalign", "rowspacing", "columnspacing"),
-    *("linethickness", "width", "minsize", "maxsize", "accent", "movablelimits"),
+    *("linethickness", "displaystyle", "scriptlevel", "width", "minsize", "maxsize", "accent", "movablelimits"),
 }
 
 

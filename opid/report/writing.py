@@ -223,7 +223,7 @@ def lay_out_page(
         return _isolate("".join(part if k % 2 else format_prose(part) for k, part in enumerate(map(html, parts))))
 
     def html(text: str) -> str:
-        return str(escape(text)).replace("&#39;", "'").replace("&#34;", '"')
+        return str(escape(text))
 
     def format_prose(text: str) -> str:
         return re.sub("`([^`]+)`", r"<code>\1</code>", format_units(text, only=True))
