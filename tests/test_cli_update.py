@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,6 +65,10 @@ def test_options_go_before_the_study_and_the_report_is_named_after_it(study, qui
 def test_text_and_report_show_truth_beside_estimate(study, quick, tmp_path):
     truth = tmp_path / "truth.json"
     truth.write_text(json.dumps(tabulate_truth(small_truth())), encoding="utf-8")
+    refused(opid("update", study, "--out", tmp_path / "out", "--truth", truth), "was written beside this study")
+    (law, *_), joints = small_truth().laws.values(), read_study(study).structure.joints
+    of_chain = replace(small_truth(), laws=dict.fromkeys(joints, law))
+    truth.write_text(json.dumps(tabulate_truth(of_chain)), encoding="utf-8")
     done = opid("update", study, "--out", tmp_path / "out", "--truth", truth)
     assert (done.exit_code, done.stderr) == (0, "")
     assert "Best: class 2, cubic, ahead of class 4" in done.stdout
