@@ -36,17 +36,23 @@ def bench_world(
     polarity: float = 1.0,
     switched: bool = False,
     slip_n: float = 0.0,
+    stiffness: float = STIFFNESS,
+    cubic_stiffness: float = CUBIC,
     must_say: str = "",
 ) -> World:
-    """Return the world of a spring with a cubic part and a damper; `gains` are those of force and travel."""
+    """Return the world of a spring with a cubic part and a damper; `gains` are those of force and travel.
+
+    The damping of a damper that is switched is the one that takes the same energy on average, and the stiffness beside
+    a law without the cubic part the one that holds the same energy.
+    """
 
     def ask(seed: int) -> Answer:
         rng = np.random.default_rng([seed, 7])
         time = np.arange(N) / FS
         path = make_interp_spline(time, move(motion, rng), 5)
         travel, velocity, acceleration = path(time), path(time, 1), path(time, 2)
-        damping = DAMPING * np.where(np.sin(2 * np.pi * 0.4 * time) > 0, 3.0, 1.0) if switched else DAMPING
-        force = STIFFNESS * travel + damping * velocity + CUBIC * travel**3 + mass_kg * acceleration
+        damping = DAMPING * (np.where(np.sin(2 * np.pi * 0.4 * time) > 0, 3.0, 1.0) if switched else np.ones(N))
+        force = stiffness * travel + damping * velocity + cubic_stiffness * travel**3 + mass_kg * acceleration
         force = force + slip_n * follow_slip(travel)
         if lag_s:
             force = make_interp_spline(time, force, 5)(np.clip(time - lag_s, 0.0, None))
@@ -58,10 +64,13 @@ def bench_world(
             candidates=("cubic_stiffness", "quadratic_damping", "coulomb_friction"),
         )
         cubic = found.law_estimates.get("cubic_stiffness", {}).get("stiffness_n_per_m3", Estimate())
-        pairs = [("K", found.parameters.stiffness_n_per_m, STIFFNESS), ("k3", cubic, CUBIC)]
-        if not switched:
-            pairs.append(("C", found.parameters.damping_n_s_per_m, DAMPING))
-        return Answer(() if found.not_determined else tuple(pairs), found.warnings)
+        beside = 0.0 if cubic.value is not None else cubic_stiffness * np.sum(travel**4) / np.sum(travel**2)
+        pairs = (
+            ("K", found.parameters.stiffness_n_per_m, stiffness + float(beside)),
+            ("k3", cubic, cubic_stiffness),
+            ("C", found.parameters.damping_n_s_per_m, float(np.sum(damping * velocity**2) / np.sum(velocity**2))),
+        )
+        return Answer(() if found.not_determined else pairs, found.warnings)
 
     return World("law", fails, ask, must_say)
 
@@ -91,5 +100,17 @@ BENCH_WORLDS = [
     )
 ] + [
     bench_world("3 kg between specimen and force cell, noise", motion="noise", mass_kg=3.0, must_say="moving"),
-    bench_world("a scheduled damper, noise", motion="noise", switched=True),
+    bench_world("a scheduled damper, noise", motion="noise", switched=True, must_say="change with time"),
+    bench_world("a scheduled damper, sine", motion="sine", switched=True, must_say="no law of the library"),
+    *(
+        bench_world(f"{words}, {motion}", motion=motion, **settings)
+        for motion in ("sine", "noise")
+        for words, settings in (
+            ("polarity of the travel reversed", {"gains": (1.0, -1.0), "must_say": "reverse the sign"}),
+            (
+                "negative stiffness",
+                {"stiffness": -2e4, "cubic_stiffness": 0.0, "must_say": "the stiffness is negative"},
+            ),
+        )
+    ),
 ]

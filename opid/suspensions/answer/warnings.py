@@ -535,20 +535,26 @@ def warn_of_signs(interfaces: Sequence[InterfaceEstimate]) -> Iterator[str]:
     """Yield which suspensions have a stiffness or a damping below zero that no law beside it makes up for."""
     for each in interfaces:
         parts = {part_of(term.kind) for term in each.law.terms}
+        where = f" of {each.name!r}" if len(interfaces) > 1 else ""
         for part, name, estimate in (("spring", "stiffness", each.stiffness), ("damper", "damping", each.damping)):
-            if part in parts or estimate.interval95 is None or estimate.interval95[1] >= 0.0:
-                continue
-            where = f" of {each.name!r}" if len(interfaces) > 1 else ""
-            meaning = (
-                "it carries no weight by itself: something else holds the body, as in an inverted pendulum or beyond "
-                "the peak of a softening spring"
-                if part == "spring"
-                else "it would feed the motion: a force that nobody measured follows the motion"
-            )
-            yield (
-                f"the {name}{where} is negative, {abs(estimate.value or 0.0) / (estimate.std or 1.0):.0f} standard "
-                f"deviations below zero, and {meaning}; if that cannot be, check the signs and clocks of the sensors"
-            )
+            if part not in parts:
+                yield from warn_of_sign(name + where, estimate, is_spring=part == "spring")
+
+
+def warn_of_sign(name: str, estimate: Estimate, *, is_spring: bool) -> Iterator[str]:
+    """Yield a sentence where the whole interval of a stiffness or damping, of this name, is below zero."""
+    if estimate.interval95 is None or estimate.interval95[1] >= 0.0:
+        return
+    meaning = (
+        "it carries no weight by itself: something else holds the body, as in an inverted pendulum or beyond the peak "
+        "of a softening spring"
+        if is_spring
+        else "it would feed the motion: a force that nobody measured follows the motion"
+    )
+    yield (
+        f"the {name} is negative, {abs(estimate.value or 0.0) / (estimate.std or 1.0):.0f} standard deviations below "
+        f"zero, and {meaning}; if that cannot be, check the signs and clocks of the sensors"
+    )
 
 
 def warn_of_stops(interfaces: Sequence[InterfaceEstimate]) -> Iterator[str]:

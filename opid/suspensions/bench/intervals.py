@@ -138,21 +138,22 @@ def _find_calibration(
     if not unknowns:
         return tuple(errors), covariance
     columns = np.zeros((residual.size, len(unknowns)))
-    columns[: bench.samples.size] = np.stack([column for _, _, _, column in unknowns], axis=1)
-    prior = np.diag([1.0 / max(std, 1e-300) ** 2 for _, _, std, _ in unknowns])
+    columns[: bench.samples.size] = np.stack([each.column for each in unknowns], axis=1)
     moves = np.linalg.lstsq(slopes / _norms(slopes), columns, rcond=1e-12)[0] / _norms(slopes)[:, np.newaxis]
     beside = columns - slopes @ moves
     seen = np.linalg.norm(beside, axis=0) > known.least_seen * np.linalg.norm(columns, axis=0)
-    told, precision = np.zeros(len(unknowns)), np.zeros_like(prior)
+    told, precision = np.zeros(len(unknowns)), np.zeros((len(unknowns), len(unknowns)))
     if seen.any():
         own = np.ix_(seen, seen)
         told[seen] = np.linalg.lstsq(beside[:, seen], residual, rcond=None)[0]
         left = residual - beside @ told
         precision[own] = np.linalg.pinv(clustered_covariance(beside[:, seen], left, cells))
-    posterior = np.linalg.inv(prior + precision)
+    # Counted in tolerances, which may be as small as one likes, the prior is the standard normal.
+    scale = np.diag([each.tolerance for each in unknowns])
+    posterior = scale @ np.linalg.inv(np.eye(len(unknowns)) + scale @ precision @ scale) @ scale
     mean = posterior @ precision @ told
-    for (name, unit, std, _), value, own_std in zip(unknowns, mean, np.sqrt(np.diag(posterior)), strict=True):
-        errors.append(CalibrationError(name, unit, std, Estimate.normal(float(value), float(own_std))))
+    for each, value, std in zip(unknowns, mean.tolist(), np.sqrt(np.diag(posterior)).tolist(), strict=True):
+        errors.append(CalibrationError(each.name, each.unit, each.tolerance, Estimate.normal(value, std)))
     # The parameters stay those of the fit, so the mean is an error of theirs, too.
     return tuple(errors), covariance + moves @ (posterior + np.outer(mean, mean)) @ moves.T
 
@@ -161,10 +162,18 @@ def _norms(columns: FloatArray) -> FloatArray:
     return np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
 
 
-def _list_unknowns(
-    bench: Bench, refined: SimulatedFit | None, known: CalibrationSettings
-) -> list[tuple[str, str, float, FloatArray]]:
-    """Return name, unit, tolerance and column of the lag and the mass that are not exact, where the test has them."""
+@dataclass(frozen=True, eq=False)
+class _Unknown:
+    """An unknown of the calibration: its name, unit and tolerance, and (n,) what it adds to the force for each unit."""
+
+    name: str
+    unit: str
+    tolerance: float
+    column: FloatArray
+
+
+def _list_unknowns(bench: Bench, refined: SimulatedFit | None, known: CalibrationSettings) -> list[_Unknown]:
+    """Return the lag and the mass that are not exact, where the test has them."""
     if bench.is_quasi_static:
         return []
     tolerances, samples = bench.tolerances, bench.samples
@@ -175,10 +184,10 @@ def _list_unknowns(
         mass_kg = known.mass_per_force * float(np.abs(bench.force[samples] - np.mean(bench.force[samples])).max())
     # A motion that is simulated from a late force is late itself.
     late = -rate_of(bench.force, fs=bench.fs)[0] if refined is None else bench.velocity
-    found = [("lag", "s", lag_s, late[samples])]
+    found = [_Unknown("lag", "s", lag_s, late[samples])]
     if refined is None and bench.mass_kg is None:
-        found.append(("mass", "kg", mass_kg, rate_of(bench.velocity, fs=bench.fs)[0][samples]))
-    return [each for each in found if each[2] > 0.0]
+        found.append(_Unknown("mass", "kg", mass_kg, rate_of(bench.velocity, fs=bench.fs)[0][samples]))
+    return [each for each in found if each.tolerance > 0.0]
 
 
 def _count_powers(bench: Bench, fit: SeparableFit) -> dict[str, FloatArray]:

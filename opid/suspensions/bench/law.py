@@ -24,6 +24,7 @@ from opid.provenance import ReadFile
 from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.numbers import warn_of_area
+from opid.suspensions.answer.warnings import warn_of_sign
 from opid.suspensions.bench.intervals import (
     CalibrationError,
     cycle_of,
@@ -431,6 +432,13 @@ def _list_warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
         )
     elif not memory.testable:
         found.append(memory.statement)
+    if memory.r2_with_time > memory.r2_with_law:
+        found.append(
+            f"stiffness or damping change with time within the record, which explains "
+            f"{100 * (memory.r2_with_time - memory.r2_with_law):.2g} % of the force that no law of travel and velocity "
+            "does: something that was not recorded acts on it (a valve that switches, temperature, air), so the values "
+            "are means over this record; record what changes, or a stretch without a change"
+        )
     unexplained = 1 - result.r2_left_out
     missing = memory.r2_with_law - result.r2_left_out
     if missing > max(settings.missing_of_rest * unexplained, settings.missing_r2):
@@ -441,8 +449,11 @@ def _list_warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
             "intervals do not include that error"
         )
     for name, symbol in (("stiffness_n_per_m", "K"), ("damping_n_s_per_m", "C")):
-        ends = getattr(result.parameters, name).interval95
-        if ends is not None and ends[1] < 0 and fit.law.terms:
+        estimate: Estimate = getattr(result.parameters, name)
+        ends = estimate.interval95
+        if not fit.law.terms:
+            found += warn_of_sign(name.partition("_")[0], estimate, is_spring=symbol == "K")
+        elif ends is not None and ends[1] < 0:
             found.append(
                 f"{symbol} is below zero: it is only the slope that remains beside the terms of the law and has no "
                 "meaning by itself; use the energy that the whole force takes in a cycle"

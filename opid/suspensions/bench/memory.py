@@ -43,6 +43,8 @@ class Memory:
         r2_with_law: fraction that the law that was found, with its memory and any smooth static correction, explains:
             `r2_at_most` if it has no memory.
         r2_with_past: fraction that is explained if the past is known, too.
+        r2_with_time: fraction that is explained if stiffness and damping change with time instead; `r2_with_law` where
+            chance or the past explains as much.
         cause: the kind of past that explains most of the residual of the law that was found; None if the past is not
             significant there.
         moving_mass_kg: coefficient of the acceleration if the cause is inertia; otherwise None.
@@ -55,6 +57,7 @@ class Memory:
     r2_at_most: float
     r2_with_law: float
     r2_with_past: float
+    r2_with_time: float
     cause: Cause | None
     moving_mass_kg: float | None
     by_pace_kg: tuple[float, ...]
@@ -120,7 +123,12 @@ def measure_memory(
         if max(by_pace) - min(by_pace) > known.mass_agreement * abs(mass):
             seen, mass = "vibration", None
     remembering = "+".join(term.name for term in law.terms if term.kind.memory is not None)
-    measured = Memory(r2_static, r2_law, r2_past, seen, mass, by_pace, testable, foretold, "")
+    r2_time = r2_law
+    if seen is None:
+        changed = _follow_time(bench, points, static, known)
+        if _is_seen(static, changed, total, replace(known, fraction_of_rest=known.changed_of_rest)):
+            r2_time = 1 - float(changed @ changed) / total
+    measured = Memory(r2_static, r2_law, r2_past, r2_time, seen, mass, by_pace, testable, foretold, "")
     return replace(measured, statement=_write_statement(measured, remembering, is_noise))
 
 
@@ -192,6 +200,18 @@ def _regress(signals: FloatArray, y: FloatArray, fold: np.ndarray, ridge: float)
         gram = x.T @ x + ridge * x.shape[0] * np.eye(x.shape[1])
         left[here] = y[here] - scaled[here] @ np.linalg.solve(gram, x.T @ y[~here])
     return left
+
+
+def _follow_time(bench: Bench, points: Points, static: FloatArray, known: MemorySettings) -> FloatArray:
+    """Return the residual beside stiffness and damping that change with time, as large as with unspent columns."""
+    phase = np.pi * (points.sample - points.sample[0]) / max(1, points.sample[-1] - points.sample[0])
+    shapes = np.cos(phase[:, np.newaxis] * np.arange(1, known.n_changes + 1))
+    motion = np.stack([bench.travel - bench.travel.mean(), bench.velocity], axis=1)[points.sample]
+    columns = (motion[:, :, np.newaxis] * shapes[:, np.newaxis]).reshape(static.size, -1)
+    columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left = static - columns @ np.linalg.lstsq(columns, static, rcond=1e-9)[0]
+    worth = independent_samples(static)
+    return np.asarray(left * np.sqrt(worth / max(worth - columns.shape[1], 1.0)))
 
 
 def _is_seen(static: FloatArray, left: FloatArray, total: float, known: MemorySettings) -> bool:

@@ -53,6 +53,9 @@ class MemorySettings:
         fraction_of_rest: the past is significant only if it explains this fraction of the residual of the law ...
         fraction_of_force: ... and this fraction of the variance of the force ...
         evidence: ... with this gain of twice the log likelihood, in independent samples.
+        n_changes: number of half periods over the record in the quickest change of stiffness and damping with time.
+        changed_of_rest: such a change is significant only if it explains this fraction of the residual of the law: a
+            law with a wrong shape leaves less of it that follows time alone.
         foretold: memory cannot be tested if travel and velocity predict this fraction of the signals of the past.
         n_paces: the acceleration is split into this many parts from slow to quick ...
         mass_agreement: ... and a force that follows it is that of moving parts if their coefficients differ by less
@@ -67,6 +70,8 @@ class MemorySettings:
     fraction_of_rest: float = 0.1
     fraction_of_force: float = 0.001
     evidence: float = 10.0
+    n_changes: int = 16
+    changed_of_rest: float = 0.5
     foretold: float = 0.98
     n_paces: int = 3
     mass_agreement: float = 0.15
