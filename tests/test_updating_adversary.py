@@ -6,13 +6,16 @@ from dataclasses import replace
 import made_backbones
 import made_dampers
 import made_updating
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy import stats
 
 from opid.errors import NotDeterminedError
 from opid.provenance import ReadFile
+from opid.report.document import Figure
 from opid.report.updating_bands import list_harmonic_figures
+from opid.report.writing import build_document
 from opid.updating import identification
 from opid.updating.checks import warn_of_copies
 from opid.updating.identification import update_study
@@ -358,3 +361,43 @@ def test_the_caption_of_a_harmonic_says_what_points_line_and_band_are():
     first, *_ = list_harmonic_figures(result)
     for words in ("Points are the measured", "The line is the median", "the band holds 95 %"):
         assert words in first.text
+
+
+def list_ends(value, path=""):
+    """Yield the path and value of every end of an interval or band and of every covariance in a document."""
+    if isinstance(value, dict):
+        for name, each in value.items():
+            if name in ("interval95", "std", "low", "high", "low_hz", "high_hz", "covariance", "drawn_hz"):
+                yield f"{path}.{name}", each
+            else:
+                yield from list_ends(each, f"{path}.{name}")
+    elif isinstance(value, list):
+        for number, each in enumerate(value):
+            yield from list_ends(each, f"{path}[{number}]")
+
+
+def test_no_interval_and_no_band_stays_where_measurements_contradict_the_structure(monkeypatch):
+    monkeypatch.setattr(identification, "UPDATING", replace(UPDATING, n_responses=20))
+    own = ModelClass("both", (made_dampers.SPRING, made_dampers.LINEAR_TERM, made_dampers.QUADRATIC_TERM))
+    asked = PredictionSettings(responses=(ResponseSettings(mode=1, drive="tip", force_n=(0.4,)),))
+    right = list(made_dampers.measured(made_dampers.BOTH, 0))
+    given = {"classes": (own,), "prediction": asked, "n_samples": 1000}
+    wrong = [
+        replace(b, amplitude=b.amplitude * np.where(np.array(b.sensors) == b.controlled_sensor, 1.3, 1.0))
+        for b in right
+    ]
+    for curves, is_spoiled in ((right, False), (wrong, True)):
+        result = update_study(made_dampers.study(curves, **given))
+        document = result.to_dict()
+        parts = {name: document[name] for name in ("prediction", "damping", "responses", "harmonics")}
+        parts["classes"] = [
+            {name: each[name] for name in ("parameters", "coefficients", "covariance")} for each in document["classes"]
+        ]
+        known = {path for path, ends in list_ends(parts) if np.isfinite(np.array(ends, dtype=float)).any()}
+        assert {path.split("[")[0] for path in known} == (
+            set() if is_spoiled else {".classes", ".prediction", ".damping", ".responses"}
+        )
+        assert any("neither intervals of theta nor bands are given" in each for each in result.warnings) == is_spoiled
+        for figure in (each for each in build_document(result).details() if isinstance(each, Figure)):
+            figure.draw()
+            plt.close("all")

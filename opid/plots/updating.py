@@ -320,7 +320,8 @@ def higher_harmonics(bands: Sequence[HarmonicBand], axes: Any = None) -> np.ndar
             ax.plot(held, middle, color=VERMILION, linewidth=1.2)
             ax.plot(held, seen, color=INK, linestyle="none", marker=".", markersize=1.5, alpha=0.45)
             # In an interaction a band is many times as wide as the points are far from each other.
-            most = _PANEL_OVER_POINTS * max(float(np.abs(seen).max()), float(np.nanmedian(np.abs(high - low))))
+            wide = np.abs(high - low)[np.isfinite(high - low)]
+            most = _PANEL_OVER_POINTS * max(float(np.abs(seen).max()), float(np.median(wide)) if wide.size else 0.0)
             ax.set_ylim(max(ax.get_ylim()[0], -most), min(ax.get_ylim()[1], most))
         held_at = f"sensor {', '.join(dict.fromkeys(band.controlled_sensor for band in bands))} [{along_unit}]"
         across = f"harmonic {bands[0].order} [{unit}]"
@@ -371,7 +372,7 @@ class ForceBand:
     Args:
         name: of the class.
         force: (n,) at the mean of the parameters, N.
-        low: (n,) lower end of the 95 % band, N.
+        low: (n,) lower end of the 95 % band, N; nan where the class has no interval.
         high: (n,) upper end, N.
     """
 
@@ -467,7 +468,8 @@ def joint_forces(
         for color, band in zip(choose_run_colors(len(bands)), bands, strict=True):
             if band.name == best:
                 ax.plot(x, band.force, color=color, linewidth=_WIDE, label=f"{band.name} (best)", zorder=2)
-                ax.fill_between(x, band.low, band.high, color=color, alpha=0.25, linewidth=0, label="its 95 % band")
+                if np.isfinite(band.low).any():
+                    ax.fill_between(x, band.low, band.high, color=color, alpha=0.25, linewidth=0, label="its 95 % band")
             else:
                 style = _choose_dashes(band, bands, best)
                 ax.plot(x, band.force, color=color, label=band.name, zorder=3, **style)

@@ -637,6 +637,8 @@ def _compute_force_band(posterior: ClassPosterior, joint: str, extension: FloatA
     thinned = posterior.samples[:: max(1, len(posterior.samples) // N_DRAWS)]
     draws = np.array([force_at_turns(own.law(joint, theta), extension) for theta in thinned])
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    if not posterior.has_intervals:
+        low = high = np.full(extension.shape, np.nan)
     return plots.ForceBand(own.name, draws.mean(axis=0), low, high)
 
 

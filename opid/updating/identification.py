@@ -42,8 +42,8 @@ from opid.updating.warnings import find_unfit_modes, warn_of_choice, warn_of_cla
 logger = logging.getLogger(__name__)
 
 _SPOILED = (
-    "the measurements contradict each other or the structure, as told above: no interval of theta and no band is "
-    "given, correct what is wrong, or state its error"
+    "the measurements contradict each other or the structure, as told above: neither intervals of theta nor bands are "
+    "given; correct what is wrong, or state its error"
 )
 
 
@@ -87,13 +87,16 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     if not best.has_no_effect:
         unfit = find_unfit_modes(adapted, best.model_class, best.best)
         contradictions += find_contradictions(adapted, best.model_class, best.best, study.backbones, unfit=unfit)
-    is_spoiled = any(each.spoils_theta for each in contradictions)
-    if is_spoiled:
-        classes, bands = [each.without_intervals() for each in classes], tuple(each.without_ends() for each in bands)
     responses, told = _predict_responses(study, data, best, linear, adapted, unfit)
     own = np.random.default_rng([study.seed, 6])
     damping = () if data.force is None else tuple(predict_damping(data, best, study.backbones, rng=own))
     harmonics = _predict_harmonics(study, data, best, linear)
+    is_spoiled = any(each.spoils_theta for each in contradictions)
+    if is_spoiled:
+        classes, bands = [each.without_intervals() for each in classes], tuple(each.without_ends() for each in bands)
+        responses = tuple(each.without_intervals() for each in responses)
+        damping = tuple(each.without_ends() for each in damping)
+        harmonics = tuple(each.without_ends() for each in harmonics)
     confusion = None
     if study.n_confused:
         say("confusion of classes")

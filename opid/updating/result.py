@@ -70,6 +70,17 @@ class ClassPosterior:
         """Return it with the values of its estimates alone."""
         return replace(self, estimates={name: each.without_interval() for name, each in self.estimates.items()})
 
+    @property
+    def has_intervals(self) -> bool:
+        """Whether any parameter has an interval."""
+        return any(each.interval95 is not None for each in self.estimates.values())
+
+    @property
+    def known_covariance(self) -> FloatArray:
+        """(n_parameters, n_parameters) the covariance; nan for parameters without an interval."""
+        known = np.array([each.interval95 is not None for each in self.estimates.values()])
+        return np.where(np.outer(known, known), self.covariance, np.nan)
+
     def draw(self, n: int, rng: np.random.Generator) -> FloatArray:
         """(n, n_parameters) samples, drawn with replacement."""
         return self.samples[rng.integers(len(self.samples), size=n)]
@@ -283,6 +294,11 @@ class DampingBand:
     measured_amplitude: FloatArray
     measured: FloatArray
 
+    def without_ends(self) -> DampingBand:
+        """Return the median alone: the ends of the band are nan."""
+        none = np.full(self.amplitude.shape, np.nan)
+        return replace(self, low=none, high=none)
+
 
 @dataclass(frozen=True, eq=False)
 class HarmonicBand:
@@ -313,6 +329,11 @@ class HarmonicBand:
     high: FloatArray
     coverage: float
     met_mode: int | None = None
+
+    def without_ends(self) -> HarmonicBand:
+        """Return the medians alone: the ends of the band are nan."""
+        none = np.full(self.amplitude.shape, np.nan)
+        return replace(self, low=none, high=none, coverage=np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,6 +371,11 @@ class ForcedResponse:
     peak_hz: Estimate
     peak_amplitude: Estimate
     is_extrapolated: bool
+
+    def without_intervals(self) -> ForcedResponse:
+        """Return the medians alone, without draws around them."""
+        peak_hz, peak_amplitude = (each.without_interval() for each in (self.peak_hz, self.peak_amplitude))
+        return replace(self, peak_hz=peak_hz, peak_amplitude=peak_amplitude, drawn_hz=(), drawn_amplitude=())
 
     @property
     def words(self) -> str:
@@ -549,7 +575,7 @@ def _scale_shape(shape: FloatArray, like: FloatArray) -> FloatArray:
 
 def _convert_class(posterior: ClassPosterior) -> dict[str, Any]:
     own, first = posterior.model_class, posterior.evidences[0]
-    as_they_are = ("best", "covariance", "calibration_std", "log_likelihood_at_best", "prior_sensitivity", "warnings")
+    as_they_are = ("best", "calibration_std", "log_likelihood_at_best", "prior_sensitivity", "warnings")
     return {
         "name": own.name,
         "law": own.law_in_words,
@@ -565,6 +591,7 @@ def _convert_class(posterior: ClassPosterior) -> dict[str, Any]:
             for each, estimate in posterior.coefficients.items()
         },
         "diagnostics": asdict(posterior.diagnostics),
+        "covariance": posterior.known_covariance,
         **{name: getattr(posterior, name) for name in as_they_are},
     }
 

@@ -228,7 +228,7 @@ def _estimate_scatter(
     # Few flights show little about one quantity, but more about all quantities together.
     are_all = _is_narrow(value, std, settings.narrow, settings) or _do_most_differ(labels, value, std, settings)
     below = settings.narrow_as_others if are_all else settings.narrow
-    common = _find_common_factor(value, std, settings) if are_all else 0.0
+    common, freedom_of_all = _find_common_factor(value, std, settings) if are_all else (0.0, math.inf)
     scatter = {}
     for label in dict.fromkeys(labels):
         mine = np.array([each == label for each in labels])
@@ -236,8 +236,9 @@ def _estimate_scatter(
         if not _is_narrow(value[mine], std[mine], below, settings):
             fraction = 0.0
         if common and not _are_better(value[mine], std[mine], common, settings):
-            # A few steps may be small by chance.
+            # A few steps may be small by chance, and all steps together say how far the common scatter can be trusted.
             fraction = max(fraction, common * float(np.nanmedian(std[mine] / np.abs(value[mine]))))
+            freedom = max(freedom, freedom_of_all)
         scatter[label] = (fraction, freedom) if fraction else (0.0, math.inf)
     return scatter
 
@@ -249,14 +250,14 @@ def _are_better(value: FloatArray, std: FloatArray, common: float, settings: Fli
     return bool(is_known and chance_of_steps(value, std * math.hypot(1.0, common)) > settings.exempt)
 
 
-def _find_common_factor(value: FloatArray, std: FloatArray, settings: FlightSettings) -> float:
-    """Return the scatter between flights of all quantities together, in units of their standard deviations."""
+def _find_common_factor(value: FloatArray, std: FloatArray, settings: FlightSettings) -> tuple[float, float]:
+    """Return the scatter of all quantities together, in units of their standard deviations, and its freedom."""
     known = np.isfinite(std).sum(axis=1) > 1
     unit = np.nanmedian(std[known], axis=1, keepdims=True)
     scaled = (value[known] - np.nanmedian(value[known], axis=1, keepdims=True)) / unit
     # Here the values are their distances in standard deviations, about 1.
     most = settings.largest_scatter * float(np.nanmax(np.abs(value[known]) / std[known]))
-    return scatter_between(scaled + 1.0, std[known] / unit, settings=replace(settings, largest_scatter=most))[0]
+    return scatter_between(scaled + 1.0, std[known] / unit, settings=replace(settings, largest_scatter=most))
 
 
 def _do_most_differ(labels: Sequence[str], value: FloatArray, std: FloatArray, settings: FlightSettings) -> bool:
@@ -405,6 +406,8 @@ def _warn_of_scatter(
         last = next((point for point in reversed(each.points) if point.std is not None), None)
         least = each.threshold * (last.std or 0.0) / abs(last.expected) if last and last.expected else math.nan
         hidden = "" if math.isnan(least) else f", so that a single flight shows changes of {100 * least:.2g} % or more"
+        if least > 1.0:
+            hidden = ", and so large that a single flight shows no change: give more flights"
         yield (
             f"{label}: neighbouring flights differ by more than their intervals, which corresponds to a scatter of "
             f"{100 * each.scatter:.2g} % from flight to flight (wheel tracks, temperature, loading); the scatter is "
