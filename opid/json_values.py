@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,9 @@ from opid.provenance import read_content
 
 LARGEST = 1e100
 """Size of a number beyond which it is a slip, and its square would soon overflow."""
+
+LEAST = 1e-100
+"""Size of a number below which it is zero: its square would be."""
 
 _MOST_DIGITS = 18
 """Digits of a whole number: 64 bits hold as many."""
@@ -75,7 +79,11 @@ def read_json(path: Path) -> Any:
     """
     try:
         return json.loads(
-            read_content(path).decode("utf-8"), parse_int=_read_int, parse_float=_read_float, parse_constant=_read_float
+            read_content(path).decode("utf-8"),
+            parse_int=_read_int,
+            parse_float=_read_float,
+            parse_constant=_read_float,
+            object_pairs_hook=_read_object,
         )
     except json.JSONDecodeError as error:
         raise ValueError(f"line {error.lineno}: {error.msg}") from error
@@ -96,7 +104,15 @@ def _read_float(text: str) -> float:
         raise ValueError(f"it holds {text[:20]}, and JSON has no number without an end")
     if abs(value) > LARGEST:
         raise ValueError(f"it holds {text[:20]}, and no result has a number beyond {LARGEST:g}")
-    return value
+    return value if abs(value) >= LEAST else 0.0
+
+
+def _read_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(key for key, n in Counter(key for key, _ in pairs).items() if n > 1)
+        raise ValueError(f"it holds {twice[:40]!r} twice in one object")
+    return found
 
 
 def _join_numbers(found: re.Match[str]) -> str:

@@ -20,7 +20,7 @@ from opid.campaigns.campaign_file import read_campaign
 from opid.cli.group import Output, _end_cleanly
 from opid.errors import InputError
 from opid.signals import files
-from opid.signals.files import reserve_directory, write_together, write_whole
+from opid.signals.files import require_directory, reserve_directory, write_together, write_whole
 from opid.suspensions.flights.results import read_flights
 
 OLD = {"result.json": b"old", "report.html": b"old page", "old.png": b"old picture"}
@@ -404,3 +404,24 @@ def test_an_index_of_something_else_is_made_anew(tmp_path):
     (kept,) = (tmp_path / "__pycache__").glob("*.nbi")
     kept.write_bytes(pickle.dumps("another version") + b"anything")
     assert make_kernel(tmp_path)(1.0) == 2.0
+
+
+def test_a_hidden_folder_that_opid_did_not_make_ends_in_one_sentence(tmp_path):
+    hidden = tmp_path / ".out.part"
+    (hidden / "old").mkdir(parents=True)
+    (hidden / "new").mkdir()
+    (hidden / "names").write_bytes(b"../mine\0..\0")
+    (hidden / "old" / "a").write_text("a", encoding="utf-8")
+    (hidden / "new" / "b").write_text("b", encoding="utf-8")
+    (tmp_path / "mine").write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match=r"\.out\.part"), reserve_directory(tmp_path / "out"):
+        pass
+    assert (tmp_path / "mine").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_place_that_cannot_be_made_ends_in_one_sentence(tmp_path):
+    with pytest.raises(InputError, match="directories deep"):
+        require_directory(tmp_path / ("x/" * 2000))
+    if Path("/proc/self").is_dir():
+        with pytest.raises(InputError, match="cannot write into /proc"), reserve_directory("/proc"):
+            pass

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -239,3 +240,25 @@ def test_sense_refuses_bad_input_in_one_sentence(field_test, result_folder, tmp_
         ((study, result_folder, "--place", "tail"), ("NAME=X,Y",)),
     ):
         refused(opid("sense", *arguments, "--out", tmp_path / "out"), *words)
+
+
+def test_the_log_that_is_written_replaces_no_file_by_chance_and_no_input_at_all(field_test, result_folder, tmp_path):
+    study = field_test / "study.toml"
+    given = ("sense", study, result_folder, "--no-figures", "--quiet", "--out", tmp_path / "out")
+    there = tmp_path / "there.csv"
+    there.write_text("mine", encoding="utf-8")
+    inputs = [Path(run.recording.files[-1].name) for run in read_study(study).runs]
+    before = [each.read_bytes() for each in inputs]
+    refused(opid(*given, "--log", there), "--log", "is there already")
+    refused(opid(*given, "--log", inputs[0]), "--log", "is there already")
+    refused(opid(*given, "--log", inputs[0], "--force"), "--log", "is a file that was read")
+    link = tmp_path / "link.csv"
+    link.symlink_to(inputs[0])
+    refused(opid(*given, "--log", link, "--force"), "--log", "is a file that was read")
+    for name in ("x.npz", "", "..", f"{'n' * 300}.csv", tmp_path / "there.csv" / "x.csv", tmp_path):
+        refused(opid(*given, "--log", name), "--log")
+    assert [each.read_bytes() for each in inputs] == before
+    assert there.read_text(encoding="utf-8") == "mine"
+    assert not (tmp_path / "out").exists()
+    refused(opid(*given, "--unsprung-mass", "100", "--unsprung-mass", "90"), "twice for the same interfaces")
+    refused(opid(*given, "--unsprung-mass", "-5"), "'-5' is no mass")

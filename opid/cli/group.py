@@ -347,6 +347,8 @@ def reserve_free(path: Path, names: tuple[str, ...], *, overwrite: bool) -> Rese
     from opid.signals.files import reserve_directory
 
     reserved = click.get_current_context().with_resource(reserve_directory(path))
+    for name in filter(lambda name: (reserved / name).is_dir(), names):
+        raise InputError(f"{path} has a directory called {name}: choose another folder")
     there = [name for name in names if (reserved / name).exists()]
     if there and not overwrite:
         raise InputError(f"{path} has {', '.join(there)} already: choose another folder, or overwrite with --force")

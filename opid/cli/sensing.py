@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,12 +10,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from opid.cli.group import PATH, Number, Output, example, main, out_option, result_name, with_output
+from opid.errors import InputError
 
 if TYPE_CHECKING:
     from opid.estimate import Estimate
+    from opid.suspensions.sensing.result import Sensing
 
+_LONGEST_NAME = 250  # bytes of the name of a file, of which systems allow 255 and the writer needs some
 LOG_FILE = "virtual_sensors.csv"
 """The log that is written where no other is named."""
+
+_LEAST_KG, _MOST_KG = 1e-9, 1e12  # of what moves with a wheel
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
 
@@ -43,7 +49,10 @@ class MassOfInterface(click.ParamType):
         found = re.fullmatch(words, str(value), re.IGNORECASE)
         if found is None:
             self.fail(f"{value!r} is no mass: give one in kg, like 105+-5 or left=105+-5", param, ctx)
-        return found[1] or "", float(found[2]), float(found[3] or 0.0)
+        mass_kg, std_kg = float(found[2]), float(found[3] or 0.0)
+        if not _LEAST_KG <= mass_kg <= _MOST_KG or not 0.0 <= std_kg <= _MOST_KG:
+            self.fail(f"{value!r} is no mass from {_LEAST_KG:g} to {_MOST_KG:g} kg: give one, like 105+-5", param, ctx)
+        return found[1] or "", mass_kg, std_kg
 
 
 @main.command(
@@ -106,6 +115,7 @@ def sense(
     has rainflow counts of the strut forces.
     """
     from opid.report.suspensions.sensing import write_command
+    from opid.signals.files import make_directory
     from opid.signals.logs import write_log
     from opid.studies.stored_fits import read_fits
     from opid.studies.study_file import read_study
@@ -124,6 +134,10 @@ def sense(
         ("result.json", "report.html", *([] if written else [LOG_FILE])),
         default=f"{log.stem if log else result_name(file)}_sensors",
     )
+    path = written or output.folder / LOG_FILE
+    is_inside = os.path.realpath(path.parent) == os.path.realpath(output.folder)
+    if written is not None:
+        _require_place(written, output, is_inside=is_inside)
     with output.progress() as say, output.name_files(file, result, *([log] if log else [])):
         fits = read_fits(result)
         read = read_study(file, kind=Study, progress=say)
@@ -144,21 +158,49 @@ def sense(
             "mass-change": mass_change_kg,
         }
         command = write_command(file, result, log, options, unsprung, places)
-        path = written or output.folder / LOG_FILE
-        is_inside = path.parent.resolve() == output.folder.resolve()
+        _require_not_read(path, file, result, found)
         with output.together((LOG_FILE,)) as folder:
             notes = output.write(found, command=command, progress=say)
             if folder is not None and is_inside:
                 write_log(found.to_recording(), folder / path.name)
         if not is_inside:
+            make_directory(path.parent)
             write_log(found.to_recording(), path)
     output.show(found, notes=(*notes, f"Log: {path}"))
+
+
+def _require_place(path: Path, output: Output, *, is_inside: bool) -> None:
+    """Refuse before the work a log that cannot be written where `--log` says, or that would replace another file."""
+    from opid.signals.files import require_directory
+    from opid.signals.logs import require_written_format
+
+    try:
+        require_written_format(path)
+        if not is_inside:
+            require_directory(path.parent)
+    except InputError as error:
+        raise InputError(f"--log: {error}") from error
+    if len(os.fsencode(path.name)) > _LONGEST_NAME:
+        raise InputError(f"--log: the name {path.name} is longer than {_LONGEST_NAME} bytes: give a shorter one")
+    if os.path.lexists(path) and not path.is_file():
+        raise InputError(f"--log: {path} is no file: choose another place")
+    if path.exists() and not output.overwrite:
+        raise InputError(f"--log: {path} is there already: choose another place, or overwrite it with --force")
+
+
+def _require_not_read(path: Path, study: Path, result: Path, found: Sensing) -> None:
+    """Refuse a log in the place of a file that was read."""
+    read = [str(study), str(result), str(result / "result.json"), *(each.name for each in found.files)]
+    if os.path.realpath(path) in [os.path.realpath(each) for each in read]:
+        raise click.UsageError(f"--log: {path} is a file that was read: choose another place")
 
 
 def _read_masses(given: tuple[tuple[str, float, float], ...]) -> Estimate | dict[str, Estimate] | None:
     from opid.estimate import Estimate
 
     named = {name: Estimate.normal(mass_kg, std_kg) for name, mass_kg, std_kg in given}
+    if len(named) < len(given):
+        raise click.UsageError("--unsprung-mass is given twice for the same interfaces: give it once for each")
     if "" in named and len(given) > 1:
         raise click.UsageError(
             "--unsprung-mass is given with and without a name: name an interface in each, or in none"

@@ -8,6 +8,7 @@ nobody; what a dead one has left there stays.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import secrets
@@ -27,6 +28,7 @@ PATIENCE_S = 10.0
 """How long one that has done its work waits for another that writes to the same place, which takes milliseconds."""
 
 _POLL_S, _LONGEST_NAME, _LONGEST_LINE = 0.01, 200, 1_000_000
+_DEEPEST, _MOST_TRIES = 200, 100
 _HIDDEN, _NEW, _OLD, _NAMES, _LOCK = ".opid.part", "new", "old", "names", "lock"
 
 
@@ -221,6 +223,11 @@ def require_directory(path: str | os.PathLike[str]) -> Path:
     PosixPath('.')
     """
     target = Path(path)
+    if len(target.parts) > _DEEPEST:
+        raise InputError(
+            f"cannot write into {path}: it lies {len(target.parts)} directories deep, and at most {_DEEPEST} are made: "
+            "choose another place"
+        )
     there = next(part for part in (target, *target.absolute().parents) if os.path.lexists(part))
     if not there.is_dir():
         raise InputError(f"cannot write into {path}: {there} is no directory: choose another place")
@@ -339,7 +346,8 @@ def reserve_directory(path: str | os.PathLike[str], *, wait_s: float = 0.0) -> I
     try:
         hidden, alone = _take_hidden(target, wait_s)
     except OSError as error:
-        raise InputError(f"cannot write into {path}: {error.strerror or error}: choose another place") from error
+        at = f"{error.filename}: " if error.filename else ""
+        raise InputError(f"cannot write into {path}: {at}{error.strerror or error}: choose another place") from error
     try:
         yield ReservedDirectory(target, hidden)
     finally:
@@ -376,9 +384,9 @@ def _insist(remove: Callable[[], None]) -> None:
 
 def _take_hidden(target: Path, wait_s: float) -> tuple[Path, _Alone]:
     """Make the hidden folder of a directory and lock it, and clear it of what a dead process has left."""
-    while True:
+    for tries_left in reversed(range(_MOST_TRIES)):
         hidden, *elsewhere = _list_hidden(target)
-        with suppress(FileNotFoundError):  # another process has just removed it
+        try:
             try:
                 hidden.mkdir(exist_ok=True)
                 lock, alone = _open_alone(hidden / _LOCK, wait_s, f"write into {target}")
@@ -408,6 +416,11 @@ def _take_hidden(target: Path, wait_s: float) -> tuple[Path, _Alone]:
                 raise
             # the directory has appeared meanwhile
             _release(hidden, alone)
+        except FileNotFoundError:
+            # another process has just removed it, unless this goes on
+            if not tries_left:
+                raise
+    raise OSError(errno.EBUSY, "other processes make and remove it all the time")
 
 
 def _remove_dead(hidden: Path) -> None:
@@ -476,6 +489,8 @@ def _undo_exchange(hidden: Path, target: Path) -> None:
     if not old.is_dir() or not new.is_dir() or not os.listdir(new):
         return
     for name in map(os.fsdecode, (hidden / _NAMES).read_bytes().split(b"\0")):
+        if name != os.path.basename(name) or name in ("", ".", ".."):
+            continue  # opid did not write it
         if not (new / name).exists() and (target / name).exists():
             (target / name).rename(new / name)
     for name in os.listdir(old):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,4 +37,10 @@ def read_fits(path: str | os.PathLike[str]) -> tuple[StoredFit, ...]:
     found, faults = read_tables(_Fits, {"fits": document["fits"]})
     if faults:
         raise InputError(f"{file} is no valid result: {faults[0]}: write it again with `opid identify`")
+    names = Counter(name for fit in found.fits for name in fit.interfaces)
+    if twice := [name for name, n in names.items() if n > 1]:
+        raise InputError(
+            f"{file} is no valid result: it has several fits of the interface {twice[0]!r}: write it again with "
+            "`opid identify`"
+        )
     return found.fits

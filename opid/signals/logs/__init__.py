@@ -172,11 +172,20 @@ def write_log(recording: Recording, path: str | os.PathLike[str]) -> None:
     Raises:
         InputError: an unknown ending, a path that cannot be written to, or names that the format cannot hold.
     """
+    require_written_format(path)
+    _WRITERS[Path(path).suffix.lower()](recording, Path(path))
+
+
+def require_written_format(path: str | os.PathLike[str]) -> None:
+    """Refuse before long work a log to be written whose ending is that of no format that is written.
+
+    Raises:
+        InputError: an unknown ending.
+    """
     _load_formats()
     ending = Path(path).suffix.lower()
     if ending not in _WRITERS:
         raise InputError(f"cannot write {path}: no format has the ending {ending!r}: {nearest(ending, _WRITERS)}")
-    _WRITERS[ending](recording, Path(path))
 
 
 def formats() -> dict[str, Format]:

@@ -222,6 +222,25 @@ def read_dataset(path: str | os.PathLike[str]) -> FleetDataset:
         raise InputError(f"a part of {folder} holds values of another kind: run `opid campaign` again") from error
 
 
+def _require_sound(
+    folder: Path, flight: StringArray, is_mass: NDArray[np.bool_], numbers: Mapping[str, FloatArray]
+) -> None:
+    """Refuse estimates that no identification gives, as `read_flight` does.
+
+    Raises:
+        InputError: a negative standard deviation, an interval that does not hold its value, or no positive mass.
+    """
+    value, std, low, high = (numbers[name] for name in ("value", "std", "low", "high"))
+    for is_wrong, what in (
+        (std < 0.0, "a negative standard deviation"),
+        ((low > value) | (high < value), "an interval that does not hold its value"),
+        (is_mass & (value <= 0.0), "a mass that is not positive"),
+    ):
+        if is_wrong.any():
+            name = str(flight[int(np.argmax(is_wrong))])
+            raise InputError(f"the flight {name!r} in {folder} has {what}: run `opid campaign` again")
+
+
 def _split_by_quantity(
     folder: Path, table: Any, covariates: Sequence[str], files: tuple[ReadFile, ...]
 ) -> FleetDataset:
@@ -229,7 +248,9 @@ def _split_by_quantity(
         name: np.array(table.column(name).to_pylist(), str)
         for name in ("tail", "flight", "gear", "quantity", "kind", "unit", "reason", "folder")
     }
-    numbers = {name: table.column(name).to_numpy().astype(float) for name in ("value", "std", *covariates)}
+    names = ("value", "std", "low", "high", *covariates)
+    numbers = {name: table.column(name).to_numpy().astype(float) for name in names}
+    _require_sound(folder, texts["flight"], texts["quantity"] == "mass", numbers)
     day = table.column("date").cast("int32").to_numpy().astype(float)
     has_value = table.column("recommended").to_numpy() & np.isfinite(numbers["value"])
     flights = np.char.add(np.char.add(texts["tail"], "\n"), texts["flight"])

@@ -6,6 +6,7 @@ The file is checked while it is read, and all its errors are listed in one messa
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import date
@@ -24,6 +25,9 @@ ONE_GEAR = "gear"
 
 MOST_FAULTS = 6
 """Number of errors of a file that are listed: a file of another kind has hundreds."""
+
+_MOST_APART = 100.0
+"""Ratio of two standard deviations of one estimate beyond which one is a slip: Student's t makes it up to 7."""
 
 SINGLE_GEAR = "single gear"
 """Name of the structure of a single-gear result; those of a body have the names of their kinds."""
@@ -256,10 +260,17 @@ class _Table:
             return Estimate()
         if ends and not ends[0] <= value <= ends[1]:
             self.faults.append(f"{table.where}interval95 is {ends!r}, which does not hold the value {value!r}")
+        if ends and std is not None and not self._do_agree(std, (ends[1] - ends[0]) / (2 * 1.96)):
+            self.faults.append(f"{table.where}std is {std!r} beside interval95 {ends!r}, which do not belong together")
         if ends:
             low, high = (float(end) for end in ends)
             return Estimate(value, std if std else (high - low) / (2 * 1.96), (low, high))
         return Estimate.normal(value, std)
+
+    @staticmethod
+    def _do_agree(std: float, of_interval: float) -> bool:
+        """Return whether a standard deviation and that of an interval may be of one estimate, few samples included."""
+        return max(std, of_interval) <= _MOST_APART * min(std, of_interval)
 
     def amplitudes(self, key: str) -> dict[str, Estimate]:
         """Return the amplitude of each kind of a law."""
@@ -342,7 +353,15 @@ _Gear = tuple[str, Iterable[str], bool, dict[Quantity, Estimate]]
 """Name of a suspension, kinds of its law, whether its values are per unit of mass, and these."""
 
 
+def _require_names_once(document: _Table) -> None:
+    names = Counter(each.text("name") for each in document.tables("interfaces", is_needed=False))
+    document.faults.extend(
+        f"the interface {name!r} stands {n} times in interfaces" for name, n in names.items() if n > 1
+    )
+
+
 def _read_one_gear(document: _Table) -> Iterator[_Gear]:
+    _require_names_once(document)
     law = document.table("law")
     per_mass = law.is_true("per_mass")
     if per_mass:
@@ -361,6 +380,7 @@ def _read_one_gear(document: _Table) -> Iterator[_Gear]:
 
 def _read_gears(document: _Table) -> Iterator[_Gear]:
     seen: set[str] = set()
+    _require_names_once(document)
     for interface in document.tables("interfaces"):
         name = interface.text("name")
         if name in seen:
