@@ -36,11 +36,13 @@ def bench_world(
     polarity: float = 1.0,
     switched: bool = False,
     slip_n: float = 0.0,
+    steps: tuple[float, float] = (0.0, 0.0),
     stiffness: float = STIFFNESS,
     cubic_stiffness: float = CUBIC,
     must_say: str = "",
 ) -> World:
-    """Return the world of a spring with a cubic part and a damper; `gains` are those of force and travel.
+    """Return the world of a spring with a cubic part and a damper; `gains` are those of force and travel,
+    and `steps` those of their values, over their standard deviations.
 
     The damping of a damper that is switched is the one that takes the same energy on average, and the stiffness beside
     a law without the cubic part the one that holds the same energy.
@@ -58,6 +60,10 @@ def bench_world(
             force = make_interp_spline(time, force, 5)(np.clip(time - lag_s, 0.0, None))
         read = polarity * gains[0] * force + 0.002 * force.std() * rng.standard_normal(N)
         seen = gains[1] * travel + 5e-4 * travel.std() * rng.standard_normal(N)
+        read, seen = (
+            np.round(each / (step * each.std())) * step * each.std() if step else each
+            for each, step in zip((read, seen), steps, strict=True)
+        )
         record = Recording(np.stack([read, seen], 1), fs=FS, channels=(Channel("load", "N"), Channel("stroke", "m")))
         found = law_of_bench(
             bench_from_recording(record, force="load", travel="stroke"),
@@ -106,6 +112,13 @@ BENCH_WORLDS = [
         bench_world(f"{words}, {motion}", motion=motion, **settings)
         for motion in ("sine", "noise")
         for words, settings in (
+            ("steps of the force of 3 deviations", {"steps": (3.0, 0.0), "must_say": "distinct values"}),
+            ("steps of the travel of 3 deviations", {"steps": (0.0, 3.0), "must_say": "distinct values"}),
+            ("steps of the force of 0.3 deviations", {"steps": (0.3, 0.0), "must_say": "distinct values"}),
+            ("steps of the travel of 0.3 deviations", {"steps": (0.0, 0.3), "must_say": "distinct values"}),
+            ("steps of the force of 0.1 deviations", {"steps": (0.1, 0.0)}),
+            ("steps of the travel of 0.1 deviations", {"steps": (0.0, 0.1)}),
+            ("steps of the travel of 0.02 deviations", {"steps": (0.0, 0.02)}),
             ("polarity of the travel reversed", {"gains": (1.0, -1.0), "must_say": "reverse the sign"}),
             (
                 "negative stiffness",

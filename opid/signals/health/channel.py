@@ -181,7 +181,7 @@ class RunCheck:
     def step(self) -> float | None:
         """Return the resolution: the values are multiples of this step; None where no step is visible."""
         values = np.unique(np.concatenate(self._values)) if self._values else np.empty(0)
-        return None if self.is_mute or values.size < 2 else _find_quantisation_step(values)
+        return None if self.is_mute or values.size < 2 else find_quantisation_step(values)
 
     def find_clipping(self, step: float | None) -> tuple[int, list[float], np.ndarray]:
         """Return the number of samples that are held at an extreme value, these values, and the rows, (n, 2)."""
@@ -313,8 +313,8 @@ class _Extreme:
         return bool(held.samples > HEALTH.clip_crowding * (next_levels + 1))
 
 
-def _find_quantisation_step(values: FloatArray) -> float | None:
-    """Return the smallest distance between values, if most neighbours are 1 to 10 times this distance apart."""
+def find_quantisation_step(values: FloatArray) -> float | None:
+    """Return the smallest distance between values, which grow, if most neighbours are 1 to 10 times as far apart."""
     distances = np.diff(values)
     # values that differ only by the rounding of the conversion to SI are one level
     distances = distances[distances > 1e-9 * (values[-1] - values[0])]

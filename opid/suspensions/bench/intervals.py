@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import FloatArray, Law, Term
 from opid.mechanics.memory import Loop, gradient_along, sine_like, taken_per_cycle
+from opid.signals.health.channel import find_quantisation_step
 from opid.suspensions.answer.numbers import amounts_of_gas, as_gas_column, index_of_gas
 from opid.suspensions.bench.problem import all_points, residual_worth
 from opid.suspensions.bench.record import Bench, rate_of
@@ -91,7 +92,7 @@ def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, s
         columns = np.vstack([columns, worth / std * np.eye(1, n_values, index)])
         residual, cells = np.append(residual, worth), np.append(cells, cells[-1] + 1)
     covariance = clustered_covariance(columns, residual, cells)
-    reasons = [*_explain_driving(bench, settings)]
+    reasons = [*_explain_driving(bench, settings), *_explain_steps(bench, settings)]
     if n_independent <= 2 * n_values:
         reasons.append(
             f"the residual of the law changes so slowly that it has only {n_independent:.0f} independent samples: no "
@@ -260,6 +261,20 @@ def _explain_driving(bench: Bench, settings: BenchSettings) -> Iterator[str]:
             f"the force feeds energy into the motion on average ({power:.3g} W), as no passive part does: no parameter "
             "has an interval; reverse the sign of force or travel"
         )
+
+
+def _explain_steps(bench: Bench, settings: BenchSettings) -> Iterator[str]:
+    """Yield why no parameter has an interval where a channel has few distinct values."""
+    for role, values in (("force", bench.force), ("travel", bench.travel)):
+        used = values[bench.samples]
+        levels = np.unique(used)
+        step = find_quantisation_step(levels) or 0.0
+        if step**2 / 12 > settings.record.coarsest * float(np.var(used)):
+            yield (
+                f"the {role} has only {levels.size} distinct values, in steps of {step:.2g} "
+                f"{'N' if role == 'force' else 'm'}: no parameter has an interval; record it with more bits or a "
+                "smaller range"
+            )
 
 
 def _explain_no_memory(

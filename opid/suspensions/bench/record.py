@@ -260,11 +260,15 @@ def _read_force_and_travel(
     y, raw = recording.channel(force), recording.channel(travel)
     if mass_kg is not None:
         y = -mass_kg * y
-    for role, values, most, unit in (("travel", raw, settings.most_m, "m"), ("force", y, settings.most_n, "N")):
-        if np.abs(values).max() > most:
+    for role, values, (least, most), unit in (
+        ("travel", raw, settings.span_m, "m"),
+        ("force", y, settings.span_n, "N"),
+    ):
+        largest = np.abs(values).max()
+        if largest > most or 0.0 < largest < least:
             and_mass = " and the mass" * (role == "force" and mass_kg is not None)
             raise InputError(
-                f"the {role} {names[role]!r} reaches {np.abs(values).max():.2g} {unit}, and that of a bench is at most "
+                f"the {role} {names[role]!r} reaches {largest:.2g} {unit}, and that of a bench is {least:g} to "
                 f"{most:g} {unit}: check its unit{and_mass}"
             )
         if np.ptp(values) <= 1e-9 * np.abs(values).max():

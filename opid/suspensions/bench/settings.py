@@ -24,8 +24,10 @@ class RecordSettings:
         rate_factor: a recorded velocity is the rate of the travel if it is between these multiples of it ...
         rate_correlation: ... and if its correlation with it is at least this.
         driving_correlation: a force that feeds power into the motion with this correlation has the wrong sign.
-        most_m: no bench moves farther, so a record with a larger travel has another unit ...
-        most_n: ... and no bench has a larger force.
+        coarsest: steps of a channel make an error that no interval holds if its variance is this fraction of that of
+            the channel: a slope is then too low by as much, and laws that step with the channel fit best.
+        span_m: no bench moves farther or less far, so a record with another travel has another unit ...
+        span_n: ... and no bench has a larger or smaller force.
     """
 
     least_samples: int = 200
@@ -36,8 +38,9 @@ class RecordSettings:
     rate_factor: tuple[float, float] = (0.8, 1.25)
     rate_correlation: float = 0.9
     driving_correlation: float = 0.1
-    most_m: float = 1e3
-    most_n: float = 1e12
+    coarsest: float = 3e-3
+    span_m: tuple[float, float] = (1e-12, 1e3)
+    span_n: tuple[float, float] = (1e-15, 1e12)
 
 
 @dataclass(frozen=True)
