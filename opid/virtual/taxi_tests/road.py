@@ -17,6 +17,7 @@ ROAD_CLASSES = {name: 16e-6 * 4.0**k for k, name in enumerate("ABCDEFGH")}
 
 REFERENCE_CYCLES_PER_M = 0.1
 _GRID_POINTS_PER_CYCLE = 16
+_FASTEST_M_PER_S, _LONGEST_M = 1e3, 2e5  # the road of the longest taxi run; its spline takes 1 GB
 _POINTS_PER_M = 64  # the shortest wave of a road has sixteen
 
 
@@ -94,8 +95,11 @@ def iso8608_road(
     low, high = band_cycles_per_m
     if not 0.0 < low < high < np.inf:
         raise InputError(f"the band is {low} to {high} cycles/m: give two positive numbers, the lower first")
-    if not (0.0 < length_m < np.inf and 0.0 <= footprint_m < np.inf):
-        raise InputError(f"the length is {length_m} m, the footprint {footprint_m} m: give positive numbers")
+    if not (0.0 < length_m <= _LONGEST_M and 0.0 <= footprint_m < np.inf):
+        raise InputError(
+            f"the length of the road is {length_m:g} m, the footprint {footprint_m:g} m: give positive numbers, and a "
+            f"road of at most {_LONGEST_M:g} m (less time, or slower)"
+        )
     length_m = max(float(length_m), 10.0 / low)
     n_grid = int(np.ceil(_GRID_POINTS_PER_CYCLE * high * length_m))
     cycles_per_m = np.arange(n_grid // 2 + 1) / length_m
@@ -121,7 +125,7 @@ class SpeedProfile:
         duration_s: duration of the change.
 
     Raises:
-        InputError: a negative speed or a duration that is not positive.
+        InputError: a speed below zero or above 1000 m/s, or a duration that is not positive.
 
     >>> braking = SpeedProfile(18.0, 0.0, 40.0)
     >>> braking.position_m([0.0, 40.0]), braking.speed_m_per_s([-1.0, 20.0])
@@ -134,10 +138,10 @@ class SpeedProfile:
 
     def __post_init__(self) -> None:
         speeds = (self.start_m_per_s, self.stop_m_per_s)
-        if not all(0.0 <= speed < np.inf for speed in speeds) or not 0.0 < self.duration_s < np.inf:
+        if not all(0.0 <= speed <= _FASTEST_M_PER_S for speed in speeds) or not 0.0 < self.duration_s < np.inf:
             raise InputError(
                 f"the speed goes from {speeds[0]} to {speeds[1]} m/s in {self.duration_s} s: give "
-                "speeds that are not negative and a positive duration"
+                f"speeds from 0 to {_FASTEST_M_PER_S:g} m/s and a positive duration"
             )
 
     def speed_m_per_s(self, time_s: ArrayLike) -> FloatArray:

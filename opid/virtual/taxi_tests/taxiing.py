@@ -37,7 +37,7 @@ Place = tuple[float, float]
 _LEAD_IN_S, _TAIL_S = 8.0, 0.25
 _NOISE_BAND_HZ = (0.5, 40.0)
 _PITCH_HZ = 1.5
-_MOST_SAMPLES = 1e8  # A channel then has 28 hours at 1 kHz, and takes 0.8 GB.
+_MOST_STEPS, _STEP_BYTES = 2e7, 250.0  # of a simulation: 80 minutes at 4096 Hz, which take 3 to 5 GB
 _BODY_UNITS = {"heave": "m/s^2", "roll": "rad/s^2", "pitch": "rad/s^2", "bending": "m/s^2"}
 
 
@@ -197,10 +197,11 @@ def taxi_run(
     airframe = aircraft.airframe if isinstance(aircraft, LandingGear) else aircraft
     if not (0.0 < duration_s < np.inf and 0.0 < fs < np.inf and duration_s * fs >= 2.0):
         raise InputError(f"duration_s is {duration_s} s, fs {fs} Hz: give positive numbers, two samples or more")
-    if duration_s * fs > _MOST_SAMPLES:
+    n_steps = (_LEAD_IN_S + duration_s + _TAIL_S) * max(fs, lowest_step_rate_hz)
+    if n_steps > _MOST_STEPS:
         raise InputError(
-            f"duration_s is {duration_s:g} s and fs {fs:g} Hz: these are {duration_s * fs:.2g} samples of each "
-            f"channel, {8e-9 * duration_s * fs:.2g} GB; give at most {_MOST_SAMPLES:g} samples"
+            f"duration_s is {duration_s:g} s and fs {fs:g} Hz: with {_LEAD_IN_S + _TAIL_S:g} s around it the simulation "
+            f"takes {n_steps:.2g} steps and {1e-9 * _STEP_BYTES * n_steps:.2g} GB; give at most {_MOST_STEPS:g} steps"
         )
     if not 0.0 <= pushed_fraction < np.inf:
         raise InputError(f"pushed_fraction is {pushed_fraction}: give zero or a positive number")
