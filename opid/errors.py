@@ -5,9 +5,13 @@ import math
 import re
 import shlex
 import sys
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Hashable, Iterable
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TypeVar
+
+Key = TypeVar("Key", bound=Hashable)
 
 
 class InputError(ValueError):
@@ -145,6 +149,15 @@ def list_names(names: Iterable[object], most: int = 6) -> str:
     """
     words = [str(name) for name in names]
     return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
+
+
+def count_repeats(names: Iterable[Key]) -> dict[Key, int]:
+    """Return the names that stand more than once, and how often each does, in time that grows with their number.
+
+    >>> count_repeats(["a", "b", "a"])
+    {'a': 2}
+    """
+    return {name: n for name, n in Counter(names).items() if n > 1}
 
 
 INVISIBLE = re.compile(

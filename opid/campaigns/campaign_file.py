@@ -6,7 +6,6 @@ import csv
 import io
 import os
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from opid.errors import InputError, nearest, refuse
+from opid.errors import InputError, count_repeats, nearest, refuse
 from opid.signals.files import nearest_beside, read_text
 from opid.studies.schema import Document, load, read_tables, require_plain
 from opid.studies.study_file import SUSPENSIONS, kind_of
@@ -173,7 +172,7 @@ def read_rows(path: Path) -> list[dict[str, Cell]]:
     except csv.Error as error:
         raise InputError(f"the table of flights {path}, line {reader.line_num}: {error}: mend this line") from error
     faults = ["a column without a name in its head"] if "" in head else []
-    faults += [f"the column {name!r} {n} times" for name, n in Counter(head).items() if n > 1 and name]
+    faults += [f"the column {name!r} {n} times" for name, n in count_repeats(head).items() if name]
     faults += [
         f"{len(row)} cells in row {number} where the head has {len(head)} (put a number with a decimal comma in "
         "quotation marks)"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, count_repeats, nearest
 from opid.provenance import ReadFile
 
 FloatArray = NDArray[np.float64]
@@ -172,9 +171,8 @@ def has_usual_size(values: ArrayLike) -> bool:
 
 def require_distinct_names(names: Sequence[str]) -> None:
     """Raise an error if two channels have one name."""
-    for name, n in Counter(names).items():
-        if n > 1:
-            raise InputError(f"the channel name {name!r} stands {n} times: rename one")
+    for name, n in count_repeats(names).items():
+        raise InputError(f"the channel name {name!r} stands {n} times: rename one")
 
 
 def recording_from_arrays(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.errors import InputError, meant_by, nearest, require
+from opid.errors import InputError, count_repeats, meant_by, nearest, require
 from opid.modal.linear.modes import ACCELERATION, LinearModes
 from opid.modal.settings import MODAL
 from opid.signals.files import read_table_text, write_whole
@@ -161,9 +161,8 @@ def _read_csv(source: Path) -> LinearModes:
     n_modes = next(len(row) for _, row in rows if row[0] == names["frequency_hz"]) - 1
     values = {row[0]: _read_cells(row, number, n_modes, delimiter) for number, row in rows}
     sensors = [row[0] for _, row in rows if row[0] not in names.values()]
-    for sensor in sensors:
-        if sensors.count(sensor) > 1:
-            raise InputError(f"{sensors.count(sensor)} rows are called {sensor!r}: rename them")
+    for sensor, n in count_repeats(sensors).items():
+        raise InputError(f"{n} rows are called {sensor!r}: rename them")
     if not sensors:
         raise InputError("it has no row of a sensor: give one row of shape values for each sensor")
     if n_modes < 1:

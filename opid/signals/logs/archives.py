@@ -12,7 +12,6 @@ import os
 import struct
 import zipfile
 import zlib
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from tokenize import TokenError
@@ -21,7 +20,7 @@ from typing import IO, Any
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from opid.errors import InputError
+from opid.errors import InputError, count_repeats
 
 MEMORY_FRACTION = 0.25
 """Fraction of the memory of the machine that the arrays of an archive may take: an answer needs copies of them."""
@@ -138,9 +137,8 @@ class _Member:
 
 def _read_members(archive: zipfile.ZipFile) -> Archive:
     members = [_read_member(archive, info) for info in archive.infolist() if not info.is_dir()]
-    for name, n in Counter(member.name for member in members).items():
-        if n > 1:
-            raise InputError(f"it has {n} arrays of the name {name!r}: write each once")
+    for name, n in count_repeats(member.name for member in members).items():
+        raise InputError(f"it has {n} arrays of the name {name!r}: write each once")
     _require_memory(sum(member.n_bytes for member in members if not member.is_pickled))
     arrays = {}
     for member in members:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import os
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from opid.errors import InputError, nearest, refuse
+from opid.errors import InputError, count_repeats, nearest, refuse
 from opid.signals.files import read_text, write_whole
 from opid.signals.logs.archives import read_archive, read_array
 from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults, structure_faults
@@ -371,7 +370,6 @@ def _read_joint_ends(given: Any) -> dict[str, tuple[str, ...]]:
         if np.ndim(given) > 2 or width > _MOST_ENDS:
             raise InputError(f"joints has the shape {np.shape(given)}: give a row of name, end and other end for each")
         rows = [texts[start : start + width] for start in range(0, len(texts), width)]
-    for name, n in Counter(str(row[0]) for row in rows).items():
-        if n > 1:
-            raise InputError(f"two joints are called {name!r}: give each a name of its own")
+    for name in count_repeats(str(row[0]) for row in rows):
+        raise InputError(f"two joints are called {name!r}: give each a name of its own")
     return {str(name): tuple(str(end) for end in ends if end != "") for name, *ends in rows}
