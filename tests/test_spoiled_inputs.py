@@ -20,6 +20,8 @@ import pytest
 from cli_runs import opid, refused
 from hypothesis import HealthCheck, Phase, given, settings
 from made_chain import curve_of, small_chain
+from scipy import sparse
+from scipy.io import hb_write, mmwrite
 from small_logs import ended_after
 from spoilers import OF_FORMAT, PLACES, as_npy, put_nothing, put_unreadable, spoil, spoiled
 from test_planning import FILE
@@ -83,8 +85,30 @@ def write_chain(path):
     path.write_text(STUDY)
 
 
+def write_market(path):
+    mmwrite(path, sparse.coo_matrix(small_chain().mass))
+
+
+def write_labels(path):
+    write_structure(path.with_name("structure.npz"), small_chain())
+    path.write_text("node,dof\n" + "".join(f"{node},{dof}\n" for node, dof in enumerate(small_chain().dofs)))
+
+
+def read_with_labels(path):
+    return read_structure(path.with_name("structure.npz"), dofs=path)
+
+
 READERS = {
     "matrices": Reader("structure.npz", lambda path: write_structure(path, small_chain()), read_structure),
+    "matrix": Reader(
+        "mass.mtx", write_market, lambda path: read_structure({"mass": path, "stiffness": path}, sensors=["1"])
+    ),
+    "sparse": Reader(
+        "mass.npz",
+        lambda path: sparse.save_npz(path, sparse.coo_matrix(small_chain().mass)),
+        lambda path: read_structure({"mass": path, "stiffness": path}, sensors=["1"]),
+    ),
+    "labels": Reader("dofs.csv", write_labels, read_with_labels),
     "modes npz": Reader("modes.npz", lambda path: write_modes(MODES, path), read_modes),
     "modes csv": Reader("modes.csv", lambda path: write_modes(MODES, path), read_modes),
     "backbone": Reader(
@@ -349,11 +373,91 @@ def test_many_rows_of_modes_take_no_time(is_repeated, tmp_path):
 
 
 def test_many_harmonics_take_no_time():
-    names = tuple(f"s{number}" for number in range(30_000))
+    names = tuple(f"s{number}" for number in range(50_000))
     amplitude = np.outer(np.linspace(1e-3, 2e-3, 10), np.ones(len(names)))
     harmonics = tuple(SensorHarmonic(name, 3, np.full(10, 1e-4)) for name in names)
-    with ended_after(60), pytest.raises(InputError, match="harmonic 3 of 's29999' .* is given twice"):
+    with ended_after(60), pytest.raises(InputError, match=r"harmonic 3 of 's49999' .* is given twice"):
         MeasuredBackbone("a", 1, "s0", np.full(10, 20.0), amplitude, names, harmonics=(*harmonics, harmonics[-1]))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("labels", "dof\n" + "x" * 200_000 + "\n"),
+        ("modes csv", "name,1\nfrequency_hz," + "1" * 200_000 + "\n"),
+        ("loading", "mass_kg,x_m,y_m\n1,2," + "3" * 200_000 + "\n"),
+        ("flights", "flight\n" + "x" * 200_000 + "\n"),
+        ("labels", 'dof\n"a\n'),
+    ],
+)
+def test_a_cell_that_is_none_is_refused(name, text, tmp_path):
+    """A cell may be shorter than the longest line and longer than any that Python's csv takes."""
+    path = READERS[name].make(tmp_path)
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"line \d is no row of a table \(.*\): mend this line") as caught:
+        READERS[name].read(path)
+    assert path.name in str(caught.value)
+
+
+FAR = 10**11
+HEAD = "%%MatrixMarket matrix"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"{HEAD} array real general\n{FAR} 1\n1.0\n",
+        f"{HEAD} array real general\n{FAR} {10 * FAR}\n1.0\n",
+        f"{HEAD} coordinate real general\n{FAR} {FAR} 1\n1 1 1.0\n",
+        f"{HEAD} coordinate real symmetric\n4 4 {FAR}\n1 1 1.0\n",
+    ],
+)
+def test_a_matrix_market_file_that_says_more_than_there_is_room_for_is_refused(text, tmp_path):
+    """One of 75 bytes asked the system for 745 GB, and the answer named no file."""
+    path = tmp_path / "mass.mtx"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"mass\.mtx: its arrays would take .* GB"):
+        read_structure({"mass": path, "stiffness": path})
+
+
+@pytest.mark.parametrize("kind", ["coo", "dia", "csc"])
+def test_a_sparse_archive_that_says_more_than_there_is_room_for_is_refused(kind, tmp_path):
+    path = tmp_path / "mass.npz"
+    sparse.save_npz(path, sparse.eye(4, format=kind))
+    np.savez(path, **dict(np.load(path)) | {"shape": np.array([FAR, FAR])})
+    with pytest.raises(InputError, match=r"mass\.npz: its arrays would take .* GB"):
+        read_structure({"mass": path, "stiffness": path})
+
+
+@pytest.mark.parametrize("shape", [np.array(4), np.array([4.0, 4.0]), np.array(["4", "4"]), np.array([4, 4, 4]), None])
+def test_the_shape_of_a_sparse_archive_is_two_whole_numbers(shape, tmp_path):
+    path = tmp_path / "mass.npz"
+    sparse.save_npz(path, sparse.eye(4, format="coo"))
+    arrays = dict(np.load(path))
+    del arrays["shape"]
+    np.savez(path, **arrays if shape is None else arrays | {"shape": shape})
+    with pytest.raises(InputError, match=r"mass\.npz: it(s shape is not two| lacks shape).*: write it with"):
+        read_structure({"mass": path, "stiffness": path})
+
+
+def test_a_boeing_file_that_says_more_than_there_is_room_for_is_refused(tmp_path):
+    path = tmp_path / "mass.hb"
+    hb_write(str(path), sparse.csc_matrix(np.eye(4)))
+    lines = path.read_text().splitlines()
+    lines[2] = lines[2][:14] + f"{FAR:14d}" + lines[2][28:]
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match=r"mass\.hb: its arrays would take .* GB"):
+        read_structure({"mass": path, "stiffness": path})
+
+
+def test_a_file_of_matrices_that_takes_all_memory_is_named(monkeypatch, tmp_path):
+    def ask(*_):
+        raise MemoryError("Unable to allocate 745. GiB")
+
+    path = READERS["matrix"].make(tmp_path)
+    monkeypatch.setattr("scipy.io.mmread", ask)
+    with pytest.raises(InputError, match=r"mass\.mtx needs more memory than there is"):
+        READERS["matrix"].read(path)
 
 
 def test_the_truth_of_another_structure_is_refused(tmp_path):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from opid.errors import InputError, count_repeats, nearest, refuse
-from opid.signals.files import nearest_beside, read_text
+from opid.signals.files import nearest_beside, read_table
 from opid.studies.schema import Document, load, read_tables, require_plain
 from opid.studies.study_file import SUSPENSIONS, kind_of
 from opid.suspensions.settings import METHODS_OF_LAW
@@ -158,19 +156,14 @@ def read_rows(path: Path) -> list[dict[str, Cell]]:
             more cells than the head, or a quotation mark that is not closed.
     """
     try:
-        text = read_text(path)
+        table, delimiter = read_table(path)
     except OSError as error:
         raise InputError(
             f"cannot read the table of flights {path}: {error.strerror}{nearest_beside(path, ('.csv',))}"
         ) from error
     except InputError as error:
         raise InputError(f"cannot read the table of flights {path}: {error}") from error
-    is_comma = ";" in text.partition("\n")[0]
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if is_comma else ",", strict=True)
-    try:
-        head, *rows = [[cell.strip() for cell in row] for row in reader if any(map(str.strip, row))] or [[]]
-    except csv.Error as error:
-        raise InputError(f"the table of flights {path}, line {reader.line_num}: {error}: mend this line") from error
+    head, *rows = [row for row in table if any(row)] or [[]]
     faults = ["a column without a name in its head"] if "" in head else []
     faults += [f"the column {name!r} {n} times" for name, n in count_repeats(head).items() if name]
     faults += [
@@ -183,7 +176,7 @@ def read_rows(path: Path) -> list[dict[str, Cell]]:
         faults.append("no row below its head")
     if faults:
         raise InputError(f"the table of flights {path} has {'; '.join(faults[:_MOST_FAULTS])}: mend it")
-    mend = _with_decimal_point if is_comma else str
+    mend = _with_decimal_point if delimiter == ";" else str
     return [{name: mend(cell) for name, cell in zip(head, row, strict=False) if cell} for row in rows]
 
 

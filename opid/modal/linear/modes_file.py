@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -14,7 +13,7 @@ import numpy as np
 from opid.errors import InputError, count_repeats, meant_by, nearest, require
 from opid.modal.linear.modes import ACCELERATION, LinearModes
 from opid.modal.settings import MODAL
-from opid.signals.files import read_table_text, write_whole
+from opid.signals.files import read_table_text, split_rows, write_whole
 from opid.signals.logs.archives import read_archive
 from opid.signals.recording import FloatArray
 
@@ -141,11 +140,7 @@ def _read_npz(source: Path) -> LinearModes:
 
 def _read_csv(source: Path) -> LinearModes:
     text, delimiter = read_table_text(source, "sensor,mode 1,mode 2")
-    try:
-        table = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter))
-    except csv.Error as error:
-        raise InputError(f"it is not a table ({error}): save it as CSV") from None
-    cells = [[cell.strip() for cell in row] for row in table]
+    cells = split_rows(text, delimiter)
     # An empty cell after a last delimiter is left out; the others stay, for each stands for a mode.
     rows = [(n, row[:-1] if row[1:] and not row[-1] else row) for n, row in enumerate(cells, start=1) if any(row)]
     if not rows:

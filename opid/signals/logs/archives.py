@@ -115,7 +115,7 @@ def read_array(path: Path) -> NDArray[Any]:
             n_bytes, is_pickled = _read_header(file, path.name, path.stat().st_size)
             if is_pickled:
                 raise InputError("it holds Python objects, which are never read: give an array of numbers")
-            _require_memory(n_bytes)
+            require_memory(n_bytes)
             file.seek(0)
             return npy.read_array(file, allow_pickle=False)
     except _OF_HEADERS as error:
@@ -139,7 +139,7 @@ def _read_members(archive: zipfile.ZipFile) -> Archive:
     members = [_read_member(archive, info) for info in archive.infolist() if not info.is_dir()]
     for name, n in count_repeats(member.name for member in members).items():
         raise InputError(f"it has {n} arrays of the name {name!r}: write each once")
-    _require_memory(sum(member.n_bytes for member in members if not member.is_pickled))
+    require_memory(sum(member.n_bytes for member in members if not member.is_pickled))
     arrays = {}
     for member in members:
         if not member.is_pickled:
@@ -180,8 +180,15 @@ def _read_header(file: IO[bytes], name: str, file_size: int) -> tuple[int, bool]
     return n_bytes, bool(dtype.hasobject)
 
 
-def _require_memory(needed: int) -> None:
-    """Raise an InputError if arrays of so many bytes are too large for the machine."""
+def require_memory(needed: int) -> None:
+    """Refuse arrays that are too large for the machine, before they are allocated.
+
+    Args:
+        needed: bytes that they take.
+
+    Raises:
+        InputError: they take more than a `MEMORY_FRACTION` of its memory.
+    """
     try:
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):
