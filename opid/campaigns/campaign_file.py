@@ -158,9 +158,9 @@ def read_rows(path: Path) -> list[dict[str, Cell]]:
     try:
         table, delimiter = read_table(path)
     except OSError as error:
-        raise InputError(
-            f"cannot read the table of flights {path}: {error.strerror}{nearest_beside(path, ('.csv',))}"
-        ) from error
+        # what is there and cannot be opened has no other name
+        hint = nearest_beside(path, (".csv",)) if isinstance(error, FileNotFoundError) else ": check its permissions"
+        raise InputError(f"cannot read the table of flights {path}: {error.strerror}{hint}") from error
     except InputError as error:
         raise InputError(f"cannot read the table of flights {path}: {error}") from error
     head, *rows = [row for row in table if any(row)] or [[]]
