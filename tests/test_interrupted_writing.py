@@ -219,7 +219,7 @@ def test_a_full_disk_for_what_is_printed_is_one_sentence():
     with open("/dev/full", "w") as full:
         words = [sys.executable, "-m", "opid", "laws"]
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert (done.returncode, done.stderr) == (2, "Error: cannot write: No space left on device\n")
+    assert (done.returncode, done.stderr) == (2, "Error: the system refuses: No space left on device\n")
 
 
 # ---- two processes -------------------------------------------------------------------------------

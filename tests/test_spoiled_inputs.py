@@ -513,6 +513,7 @@ ENDS = {
     click.UsageError("no such option"): (2, "Error: no such option"),
     MemoryError(): (2, "Error: it needs more memory than there is"),
     OSError(28, "No space left on device", "out"): (2, "Error: out: No space left on device"),
+    OSError(5, "Input/output error"): (2, "Error: the system refuses: Input/output error"),
     PermissionError(13, "Permission denied", "out"): (2, "Error: out: Permission denied"),
     KeyboardInterrupt(): (130, "Error: interrupted"),
 }
@@ -567,6 +568,29 @@ def test_a_verbose_command_shows_the_traceback(monkeypatch, tmp_path):
     done = end_by(KeyError("end"), monkeypatch, "--verbose")
     assert "Traceback" in done.stderr
     assert "KeyError: 'end'" in done.stderr
+
+
+@pytest.mark.parametrize("place", ["opid.cli.group.Output.reserve", "opid.signals.log.LogSettings"])
+def test_a_traceback_is_shown_once_wherever_the_error_is_raised(place, monkeypatch, tmp_path):
+    """It was shown only while steps were shown."""
+
+    def fail(*_, **settings):
+        raise KeyError("\x1b[31mend")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(place, fail)
+    for options, n_shown in (((), 0), (("--verbose",), 1)):
+        done = opid("inspect", "a.csv", "--out", "never", *options)
+        assert done.exit_code == group.Unexpected.exit_code
+        assert done.stderr.count("Traceback (most recent call last)") == n_shown
+        assert done.stderr.splitlines()[-1].startswith("Error: opid itself failed")
+        assert "\x1b" not in done.stderr
+
+
+@pytest.mark.parametrize("error", [InputError("no number: give one"), OSError(28, "No space left", "out")], ids=str)
+def test_what_belongs_to_the_user_has_no_traceback(error, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert "Traceback" not in end_by(error, monkeypatch, "--verbose").stderr
 
 
 @pytest.mark.parametrize("kind", [[("a", "f8"), ("b", "i4")], "M8[s]", "V8"])

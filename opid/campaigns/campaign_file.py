@@ -93,6 +93,10 @@ class CampaignPlan:
     options: IdentifyOptions = IdentifyOptions()
 
 
+class _RowError(InputError):
+    """What is wrong with a flight: the rest of a sentence that begins with it."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class _CampaignTables:
     title: str | None = None
@@ -189,7 +193,7 @@ def _find_number(cell: Cell) -> int | float | None:
     """The number of a cell, which is a text in a CSV file and has a type in TOML; None if it is none.
 
     Raises:
-        InputError: a number without an end.
+        _RowError: a number without an end.
     """
     if isinstance(cell, bool) or not isinstance(cell, str | int | float):
         return None
@@ -199,7 +203,7 @@ def _find_number(cell: Cell) -> int | float | None:
             number = kind(cell)
             break
     if number is not None and not abs(number) < _LARGEST:
-        raise InputError(f"has the number {str(cell)[:40]}: give a finite one, below {_LARGEST:g}")
+        raise _RowError(f"has the number {str(cell)[:40]}: give a finite one, below {_LARGEST:g}")
     return number
 
 
@@ -227,15 +231,15 @@ def _plan_flights(
         study = source.parent / str(own) if own is not None else template
         try:
             if not name:
-                raise InputError(f"has no {NAME!r}: give it a name ({nearest(NAME, row)})")
+                raise _RowError(f"has no {NAME!r}: give it a name ({nearest(NAME, row)})")
             require_plain(NAME, name)
             if tail:
                 require_plain(TAIL, tail)
             key = tail.casefold(), name.casefold()
             if key in flights:
-                raise InputError("stands in the table twice: give each flight of an aircraft a name of its own")
+                raise _RowError("stands in the table twice: give each flight of an aircraft a name of its own")
             if study is None:
-                raise InputError("has no study: give a template, study = \"study.toml\", or a column 'study'")
+                raise _RowError("has no study: give a template, study = \"study.toml\", or a column 'study'")
             if study in broken:
                 continue
             if study not in documents:
@@ -243,15 +247,17 @@ def _plan_flights(
                 documents[study] = _load_study(study)
                 broken.remove(study)
             flights[key] = _plan_flight(name, tail, row, documents[study], study)
+        except _RowError as error:
+            faults.append(f"{where} {error}")
         except InputError as error:
-            faults.append(f"{where} {error}" if str(error).startswith(("has ", "stands ")) else f"{where}: {error}")
+            faults.append(f"{where}: {error}")
     return tuple(flights.values())
 
 
 def _plan_flight(name: str, tail: str, row: Mapping[str, Cell], document: Document, source: Path) -> PlannedFlight:
     day = None if DATE not in row else _find_date(row[DATE])
     if DATE in row and day is None:
-        raise InputError(f"has the {DATE} {str(row[DATE])!r}: give one like 2026-03-01")
+        raise _RowError(f"has the {DATE} {str(row[DATE])!r}: give one like 2026-03-01")
     filled = _fill_in(document, row)
     filled.setdefault("title", name)
     if day is not None:
@@ -279,7 +285,7 @@ def _fill_in(value: Any, row: Mapping[str, Cell]) -> Any:
         return value
     for name in _PLACEHOLDER.findall(value):
         if name not in row and name not in _OF_STUDIES:
-            raise InputError(f"has no cell for {{{name}}} in the study ({nearest(name, row)})")
+            raise _RowError(f"has no cell for {{{name}}} in the study ({nearest(name, row)})")
     whole = _PLACEHOLDER.fullmatch(value)
     if whole and whole[1] in row:
         cell = row[whole[1]]

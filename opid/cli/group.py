@@ -42,7 +42,7 @@ class _Path(click.Path):
 
 PATH = _Path(path_type=Path)
 
-_OF_CLICK = (click.ClickException, click.exceptions.Exit, click.Abort)
+_VERBOSE = "opid.verbose"  # what the contexts of a command share of its options
 _LONGEST_WORD, _LONGEST_LINE, _LONGEST_REASON = 300, 1500, 200
 _PAUSE_S = 0.01  # before a signal is sent once more: what was destroyed is gone by then
 
@@ -262,7 +262,8 @@ class Commands(click.Group):
             # if the reader of a pipe has ended, click ends without a word
             if error.errno == errno.EPIPE:
                 raise
-            raise BadInput(f"{error.filename or 'cannot write'}: {error.strerror or error}") from error
+            # a failed write or read of an open file names none
+            raise BadInput(f"{error.filename or 'the system refuses'}: {error.strerror or error}") from error
         except KeyboardInterrupt as error:
             raise Interrupted("interrupted") from error
         except _EndedError as error:
@@ -270,6 +271,8 @@ class Commands(click.Group):
         except (click.exceptions.Exit, click.Abort):
             raise
         except Exception as error:
+            if context.meta.get(_VERBOSE):
+                click.echo(printable(traceback.format_exc()), err=True)
             raise Unexpected(error) from error
 
 
@@ -520,6 +523,7 @@ def _add_output(command: Callable[..., None], options: Sequence[Callable[..., An
             raise click.UsageError("--quiet and --verbose are both given: give one of them")
         if png and not figures:
             raise click.UsageError("--png and --no-figures are both given: give one of them")
+        click.get_current_context().meta[_VERBOSE] = verbose
         command(output=Output(out, overwrite, as_json, quiet, verbose, figures, png), **given)
 
     decorated: Callable[..., None] = run
@@ -553,11 +557,6 @@ def steps() -> Iterator[Say]:
     logger.setLevel(logging.DEBUG)
     try:
         yield say
-    except (InputError, NotDeterminedError, OSError, MemoryError, *_OF_CLICK):
-        raise
-    except Exception:
-        click.echo(traceback.format_exc(), err=True)
-        raise
     finally:
         logger.removeHandler(shown)
         logger.setLevel(before)
