@@ -161,9 +161,15 @@ def count_repeats(names: Iterable[Key]) -> dict[Key, int]:
 
 
 INVISIBLE = re.compile(
-    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ue000-\uf8ff\ufeff]"
+    "[\x00-\x1f\x7f-\x9f\xad\u0600-\u0605\u061c\u06dd\u070f\u0890\u0891\u08e2\u180e\u200b\u200e\u200f\u2028-\u202e"
+    "\u2060-\u2064\u2066-\u206f\ud800-\uf8ff\ufeff\ufff9-\ufffb\U000110bd\U000110cd\U00013430-\U0001343f"
+    "\U0001bca0-\U0001bca3\U0001d173-\U0001d17a\U000e0000-\U000e007f\U000f0000-\U000ffffd\U00100000-\U0010fffd]"
 )
-"""A character that steers a terminal, ends a line, turns the order of others, or is none: it shows nothing itself."""
+"""A character that steers a terminal, ends a line, turns the order of others, or is none: it shows nothing itself.
+
+These are the categories Cc, Cf, Cs, Co, Zl and Zp of Unicode but the two joiners, which scripts and emoji need. They
+stand here as ranges, because looking each up takes half a second; a test compares them.
+"""
 
 
 def escape_invisible(text: str) -> str:

@@ -57,7 +57,7 @@ def json_text(document: Mapping[str, Any]) -> str:
     """
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
     # a terminal that shows the document shall not be steered by a name in it
-    text = INVISIBLE.sub(lambda found: found[0] if found[0] == "\n" else f"\\u{ord(found[0]):04x}", text)
+    text = INVISIBLE.sub(_escape_one, text)
     # a list of numbers on one line: thousands of lines with one number each help nobody
     return re.sub(r"\[[^\[\]{}\"]*\]", _join_numbers, text) + "\n"
 
@@ -97,6 +97,12 @@ def _read_float(text: str) -> float:
     if abs(value) > LARGEST:
         raise ValueError(f"it holds {text[:20]}, and no result has a number beyond {LARGEST:g}")
     return value
+
+
+def _escape_one(found: re.Match[str]) -> str:
+    """Return a character as JSON escapes it: beyond the first plane as two units."""
+    units = found[0].encode("utf-16-be", "surrogatepass").hex(" ", 2).split()
+    return found[0] if found[0] == "\n" else "".join(f"\\u{unit}" for unit in units)
 
 
 def _join_numbers(found: re.Match[str]) -> str:

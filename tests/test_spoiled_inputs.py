@@ -291,6 +291,14 @@ def test_numbers_that_no_study_has_are_refused(value, tmp_path):
         read_guess(path)
 
 
+@pytest.mark.parametrize("value", ["1e-60", "-1e60", "1e300"])
+def test_a_size_that_no_study_has_is_told_with_both_ends(value, tmp_path):
+    path = tmp_path / "guess.toml"
+    path.write_text(FILE.replace("sprung_mass_kg = 1850", f"sprung_mass_kg = {value}"))
+    with pytest.raises(InputError, match=r"whose size is not between 1e-50 and 1e\+50, give a number"):
+        read_guess(path)
+
+
 @pytest.mark.parametrize(
     ("samples", "fs", "words"),
     [
@@ -298,6 +306,7 @@ def test_numbers_that_no_study_has_are_refused(value, tmp_path):
         ([0.0, 1e-300], 10.0, "has values up to 1e-300, which nothing measures"),
         ([0.0, 1.0], 1e300, "give a positive sampling rate"),
         ([0.0, 1.0], np.nan, "give a positive sampling rate"),
+        ([0.0, 1.0], 1e-13, r"fs is 1e-13 Hz: give a positive sampling rate from 1e-12 to 1e\+12 Hz"),
     ],
 )
 def test_a_recording_of_what_nothing_measures_is_refused(samples, fs, words):
