@@ -132,7 +132,7 @@ def looks_in_percent(modes: LinearModes) -> str:
 
 
 def _read_npz(source: Path) -> LinearModes:
-    held = read_archive(source).require_no_pickles()
+    held = read_archive(source).require_plain_arrays()
     arrays = {name: held[own] for name, own in _assign_rows(list(held), tuple(VARIANTS), "array").items()}
     frequency_hz, damping_ratio, shapes = (_read_numbers(arrays[name], name) for name in (*ROWS, "shapes"))
     return _make_modes(frequency_hz.ravel(), damping_ratio.ravel(), shapes, _read_names(arrays["sensors"]))

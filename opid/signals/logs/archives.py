@@ -39,15 +39,16 @@ class Archive:
     """The content of a NumPy archive.
 
     Args:
-        arrays: the arrays by their names.
+        arrays: those that were read, by their names: numbers, text, and also times and records, which
+            `require_plain_arrays` refuses.
         pickled: names of those that hold Python objects and were not read.
     """
 
     arrays: dict[str, NDArray[Any]]
     pickled: tuple[str, ...]
 
-    def require_no_pickles(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays.
+    def require_plain_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays, all of which hold numbers or text.
 
         Raises:
             InputError: some hold Python objects, or neither numbers nor text, like times and records.
@@ -57,11 +58,11 @@ class Archive:
                 f"{', '.join(map(repr, self.pickled))} of it holds Python objects, which are never read: give arrays "
                 "of numbers, and names as text, np.array(names, dtype=str)"
             )
-        fielded = [name for name, array in self.arrays.items() if array.dtype.kind not in "biufcSU"]
-        if fielded:
-            kind = self.arrays[fielded[0]].dtype
+        others = [name for name, array in self.arrays.items() if array.dtype.kind not in "biufcSU"]
+        if others:
+            kind = self.arrays[others[0]].dtype
             raise InputError(
-                f"{', '.join(map(repr, fielded))} of it holds neither numbers nor text ({kind}): give arrays of numbers"
+                f"{', '.join(map(repr, others))} of it holds neither numbers nor text ({kind}): give arrays of numbers"
             )
         return self.arrays
 

@@ -211,7 +211,7 @@ def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
-    return read_archive(path).require_no_pickles()
+    return read_archive(path).require_plain_arrays()
 
 
 def _read_sparse_npz(path: Path) -> Any:
