@@ -160,6 +160,21 @@ def count_repeats(names: Iterable[Key]) -> dict[Key, int]:
     return {name: n for name, n in Counter(names).items() if n > 1}
 
 
+def shorten_middle(text: str, most: int, mark: str = "…") -> str:
+    """Return a text whose middle is left out where it is longer: the end tells apart what begins alike.
+
+    Args:
+        text: of one line.
+        most: letters that it has at most, the mark among them.
+        mark: in the place of what is left out.
+
+    >>> shorten_middle("f1/heavy_run.csv", 12), shorten_middle("f1.csv", 12)
+    ('f1/heav….csv', 'f1.csv')
+    """
+    n_last = most // 3
+    return text if len(text) <= most else f"{text[: most - n_last - len(mark)]}{mark}{text[len(text) - n_last :]}"
+
+
 INVISIBLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\xad\u0600-\u0605\u061c\u06dd\u070f\u0890\u0891\u08e2\u180e\u200b\u200e\u200f\u2028-\u202e"
     "\u2060-\u2064\u2066-\u206f\ud800-\uf8ff\ufeff\ufff9-\ufffb\U000110bd\U000110cd\U00013430-\U0001343f"

@@ -27,7 +27,7 @@ from opid.json_values import json_text
 from opid.mechanics.laws.kinds import LAWS
 from opid.plots.charts.figure import build_chart
 from opid.plots.modes import mode_indicators
-from opid.plots.style import LACKING, PlainPowers, format_units, house_style, panels, png, read_text, shorten
+from opid.plots.style import LACKING, PlainPowers, find_written_text, format_units, house_style, panels, png, shorten
 from opid.report.as_text import lay_out_text
 from opid.report.document import Column, Document, Figure, Paragraph, Table
 from opid.report.formulas import embed_formula, write_html
@@ -117,7 +117,7 @@ def test_what_no_font_has_is_a_square_in_a_picture_and_itself_on_a_page():
     name = "a\u0378\u0379b"  # two places that Unicode has not given
     ax = draw([name], rows=[name, "b"])
     text = ax.get_legend().get_texts()[0]
-    assert (text.get_text(), read_text(text)) == (f"a{LACKING}{LACKING}b", name)
+    assert (text.get_text(), find_written_text(text)) == (f"a{LACKING}{LACKING}b", name)
     chart = build_chart(ax.get_figure())
     assert chart["legend"][0]["text"] == name == chart["data"][0]["meta"]
     assert chart["layout"]["yaxis"]["ticktext"] == [name, "b"]

@@ -11,7 +11,7 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from opid.errors import InputError, count_repeats, nearest, refuse
+from opid.errors import InputError, count_repeats, nearest, refuse, shorten_middle
 from opid.signals.files import nearest_beside, read_table
 from opid.studies.schema import Document, load, read_tables, require_plain
 from opid.studies.study_file import SUSPENSIONS, kind_of
@@ -203,7 +203,7 @@ def _find_number(cell: Cell) -> int | float | None:
             number = kind(cell)
             break
     if number is not None and not abs(number) < _LARGEST:
-        raise _RowError(f"has the number {str(cell)[:40]}: give a finite one, below {_LARGEST:g}")
+        raise _RowError(f"has the number {shorten_middle(str(cell), 40)}: give a finite one, below {_LARGEST:g}")
     return number
 
 
