@@ -5,9 +5,13 @@ import math
 import re
 import shlex
 import sys
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Hashable, Iterable
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TypeVar
+
+Key = TypeVar("Key", bound=Hashable)
 
 
 class InputError(ValueError):
@@ -147,10 +151,40 @@ def list_names(names: Iterable[object], most: int = 6) -> str:
     return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
 
 
+def count_repeats(names: Iterable[Key]) -> dict[Key, int]:
+    """Return the names that stand more than once, and how often each does, in time that grows with their number.
+
+    >>> count_repeats(["a", "b", "a"])
+    {'a': 2}
+    """
+    return {name: n for name, n in Counter(names).items() if n > 1}
+
+
+def shorten_middle(text: str, most: int, mark: str = "…") -> str:
+    """Return a text whose middle is left out where it is longer: the end tells apart what begins alike.
+
+    Args:
+        text: of one line.
+        most: letters that it has at most, the mark among them.
+        mark: in the place of what is left out.
+
+    >>> shorten_middle("f1/heavy_run.csv", 12), shorten_middle("f1.csv", 12)
+    ('f1/heav….csv', 'f1.csv')
+    """
+    n_last = most // 3
+    return text if len(text) <= most else f"{text[: most - n_last - len(mark)]}{mark}{text[len(text) - n_last :]}"
+
+
 INVISIBLE = re.compile(
-    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ue000-\uf8ff\ufeff]"
+    "[\x00-\x1f\x7f-\x9f\xad\u0600-\u0605\u061c\u06dd\u070f\u0890\u0891\u08e2\u180e\u200b\u200e\u200f\u2028-\u202e"
+    "\u2060-\u2064\u2066-\u206f\ud800-\uf8ff\ufeff\ufff9-\ufffb\U000110bd\U000110cd\U00013430-\U0001343f"
+    "\U0001bca0-\U0001bca3\U0001d173-\U0001d17a\U000e0000-\U000e007f\U000f0000-\U000ffffd\U00100000-\U0010fffd]"
 )
-"""A character that steers a terminal, ends a line, turns the order of others, or is none: it shows nothing itself."""
+"""A character that steers a terminal, ends a line, turns the order of others, or is none: it shows nothing itself.
+
+These are the categories Cc, Cf, Cs, Co, Zl and Zp of Unicode but the two joiners, which scripts and emoji need. They
+stand here as ranges, because looking each up takes half a second; a test compares them.
+"""
 
 
 def escape_invisible(text: str) -> str:

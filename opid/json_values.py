@@ -61,7 +61,7 @@ def json_text(document: Mapping[str, Any]) -> str:
     """
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
     # a terminal that shows the document shall not be steered by a name in it
-    text = INVISIBLE.sub(lambda found: found[0] if found[0] == "\n" else f"\\u{ord(found[0]):04x}", text)
+    text = INVISIBLE.sub(_escape_one, text)
     # a list of numbers on one line: thousands of lines with one number each help nobody
     return re.sub(r"\[[^\[\]{}\"]*\]", _join_numbers, text) + "\n"
 
@@ -113,6 +113,12 @@ def _read_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         twice = next(key for key, n in Counter(key for key, _ in pairs).items() if n > 1)
         raise ValueError(f"it holds {twice[:40]!r} twice in one object")
     return found
+
+
+def _escape_one(found: re.Match[str]) -> str:
+    """Return a character as JSON escapes it: beyond the first plane as two units."""
+    units = found[0].encode("utf-16-be", "surrogatepass").hex(" ", 2).split()
+    return found[0] if found[0] == "\n" else "".join(f"\\u{unit}" for unit in units)
 
 
 def _join_numbers(found: re.Match[str]) -> str:

@@ -35,7 +35,13 @@ def read_file(path: Path) -> ReadFile:
 
     Args:
         path: of the file.
+
+    Raises:
+        InputError: it is a directory, a pipe or a device, which may have no end.
+        OSError: it cannot be read.
     """
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path} is a directory, a pipe or a device: give the name of a file")
     with path.open("rb") as file:
         return ReadFile(str(path), hashlib.file_digest(file, "sha256").hexdigest())
 

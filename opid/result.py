@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from opid.errors import InputError, require
+from opid.errors import InputError, require, shorten_middle
 from opid.estimate import Estimate, rounded, with_std
 from opid.json_values import read_json
 from opid.provenance import ReadFile
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import pandas
 
 RESULT_FILE = "result.json"
+
+_WIDTH = 100  # letters of a line in the short summary
 
 MOST_ROWS = 7
 """Numbers in the short summary; `Result.summary` has all of them."""
@@ -106,13 +108,13 @@ class Result(ABC):
     def __repr__(self) -> str:
         rows = self.summary()
         width = max((len(row.name) for row in rows[:MOST_ROWS]), default=0)
-        lines = [_shorten_text(f"{type(self).__name__}: {self._write_headline()}")]
+        lines = [_write_line(f"{type(self).__name__}: {self._write_headline()}")]
         for row in rows[:MOST_ROWS]:
             unit = "" if row.unit == "1" else f" {row.unit}"
             lines.append(f"  {row.name.ljust(width)}  {with_std(row.value, row.std)}{unit}")
         more = ["± is one standard deviation"] if any(row.std is not None for row in rows[:MOST_ROWS]) else []
         more += [f"{len(rows) - MOST_ROWS} more in summary()"] if len(rows) > MOST_ROWS else []
-        remarks = "; ".join([*more, *map(_shorten_text, self._list_remarks())])
+        remarks = "; ".join([*more, *map(_write_line, self._list_remarks())])
         return "\n".join([*lines, f"  {remarks}"] if remarks else lines)
 
     def _repr_html_(self) -> str:
@@ -136,9 +138,8 @@ def _build_html_row(tag: str, cells: Sequence[str]) -> str:
     return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"
 
 
-def _shorten_text(text: str, width: int = 100) -> str:
-    text = " ".join(text.split())
-    return text if len(text) <= width else f"{text[: width - 3]}..."
+def _write_line(text: str) -> str:
+    return shorten_middle(" ".join(text.split()), _WIDTH)
 
 
 def load_document(path: Path, commands: Mapping[str, str]) -> dict[str, Any]:
@@ -162,6 +163,6 @@ def load_document(path: Path, commands: Mapping[str, str]) -> dict[str, Any]:
         raise InputError(f"{path} is no JSON ({error}): {advice}") from error
     schema = document.get("schema") if isinstance(document, dict) else None
     if not isinstance(schema, str) or schema not in commands:
-        has = f"has the schema {_shorten_text(repr(schema))}" if schema is not None else "has no schema"
+        has = f"has the schema {_write_line(repr(schema))}" if schema is not None else "has no schema"
         raise InputError(f"{path} {has} where {' or '.join(map(repr, commands))} is needed: {advice}")
     return document

@@ -516,6 +516,16 @@ def put_absurd_header(content, rng):
     return _archive(members.items())
 
 
+def put_absurd_size(content, rng):
+    """Give a Matrix Market file a size that says more, or less, than there is."""
+    lines = content.split(b"\n")
+    at = next(number for number, line in enumerate(lines) if not line.startswith(b"%"))
+    sizes = lines[at].split()
+    sizes[rng.randrange(len(sizes))] = rng.choice((b"0", b"-1", b"3", b"5", b"100000000000", b"1" + b"0" * 30, b"1.5"))
+    lines[at] = b" ".join(sizes)
+    return b"\n".join(lines)
+
+
 def pack_zeros(content, rng):
     """A member of many zeros, which packs to a thousandth."""
     members = _members(content)
@@ -591,6 +601,7 @@ OF_FORMAT = {
     ".json": (*JSON, *TEXT),
     ".toml": (*TOML, *TEXT),
     ".npz": ARCHIVES,
+    ".mtx": (put_absurd_size, *TEXT),
 }
 """Spoilers of each format; one that is in no row has those of any file alone."""
 

@@ -95,7 +95,7 @@ def test_objects_are_named_and_never_read(tmp_path):
     assert list(found.arrays) == ["a"]
     assert found.pickled == ("b",)
     with pytest.raises(InputError, match="'b' of it holds Python objects"):
-        found.require_no_pickles()
+        found.require_plain_arrays()
     (tmp_path / "b.npy").write_bytes(saved(np.array([{}]), allow_pickle=True))
     with pytest.raises(InputError, match="Python objects"):
         read_array(tmp_path / "b.npy")

@@ -1,6 +1,7 @@
 """Campaigns: the flights of a table, one flight as a task, a whole campaign on Dask, and its dataset."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -10,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from small_logs import ended_after
 
 from opid.campaigns import flight_task
-from opid.campaigns.campaign_file import IdentifyOptions, PlannedFlight, read_campaign
+from opid.campaigns.campaign_file import IdentifyOptions, PlannedFlight, read_campaign, read_rows
 from opid.campaigns.flight_task import FlightTask, TaskSettings, run_task
 from opid.errors import InputError
 from opid.studies.study_file import write_study
@@ -433,6 +435,63 @@ def test_the_folder_of_another_campaign_is_not_replaced(tmp_path):
     with pytest.raises(InputError, match="holds the campaign 'Other flights', and this one is 'Three flights'"):
         refuse_another("Three flights", tmp_path)
     refuse_another("Other flights", tmp_path)
+
+
+def put_pipe(path):
+    path.unlink(missing_ok=True)
+    os.mkfifo(path)
+
+
+def put_depth(path):
+    path.write_text("[" * 100_000)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
+@pytest.mark.parametrize("put", [put_pipe, put_depth])
+def test_what_an_earlier_run_has_not_left_is_not_read(put, fleet, tmp_path):
+    """A pipe has no end, and a list that nests 100,000 deep was a RecursionError in the worker."""
+    from opid.campaigns.engine import refuse_another
+
+    put(tmp_path / "campaign.json")
+    task = build_task(fleet, tmp_path)
+    task.folder.mkdir(parents=True)
+    put(task.folder / "outcome.json")
+    put(task.folder / "begun.json")
+    with ended_after(30):
+        refuse_another("Three flights", tmp_path)
+        assert flight_task._find_outcome(task) is None
+        if put is put_depth:
+            assert flight_task._count_attempt(task) == ""
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
+def test_a_log_that_has_become_a_pipe_has_changed(fleet, tmp_path):
+    task = build_task(fleet, tmp_path)
+    run_task(task)
+    put_pipe(fleet / "f1" / "heavy.csv")
+    with ended_after(30):
+        assert flight_task._find_outcome(task) is None
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (PermissionError(13, "Permission denied"), r"flights\.csv: Permission denied: check its permissions$"),
+        (FileNotFoundError(2, "No such file or directory"), r"No such file or directory: did you mean 'flights2\.csv'"),
+    ],
+)
+def test_another_name_is_suggested_only_for_a_table_that_is_not_there(error, said, tmp_path, monkeypatch):
+    """It was: Permission denied, but a directory, a pipe, a device or a link that leads nowhere."""
+
+    def fail(_):
+        raise error
+
+    (tmp_path / "flights2.csv").write_text("flight\nf1\n")
+    if isinstance(error, PermissionError):
+        (tmp_path / "flights.csv").write_text("flight\nf1\n")
+    monkeypatch.setattr("opid.signals.files.read_content", fail)
+    with pytest.raises(InputError, match=said):
+        read_rows(tmp_path / "flights.csv")
 
 
 def test_a_dataset_that_is_none_is_refused(tmp_path):

@@ -14,6 +14,7 @@ import click
 import pytest
 from cli_runs import opid, refused
 from scripts import script
+from small_logs import ended_after
 from test_cli_output import GIVEN, WRITING
 
 from opid.campaigns.campaign_file import read_campaign
@@ -218,7 +219,7 @@ def test_a_full_disk_for_what_is_printed_is_one_sentence():
     with open("/dev/full", "w") as full:
         words = [sys.executable, "-m", "opid", "laws"]
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert (done.returncode, done.stderr) == (2, "Error: cannot write: No space left on device\n")
+    assert (done.returncode, done.stderr) == (2, "Error: the system refuses: No space left on device\n")
 
 
 # ---- two processes -------------------------------------------------------------------------------
@@ -325,6 +326,25 @@ def test_pictures_of_an_older_report_go_with_it(identified, tmp_path):
     package.write_report(identified.result, out, figures=False)
     assert sorted(os.listdir(out)) == ["mine.png", "report.html", "result.json"]
     assert outside.exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
+@pytest.mark.parametrize("name", ["report.html", "result.json"])
+@pytest.mark.parametrize("put", [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), Path.mkdir])
+def test_what_stands_in_the_place_of_an_older_report_is_not_read(put, name, identified, tmp_path):
+    """A pipe in the place of the page was read without an end."""
+    import opid as package
+
+    put(tmp_path / name)
+    with ended_after(60):
+        if put is Path.mkdir:
+            with pytest.raises(InputError, match=f"cannot write .*{name}: it is a directory: choose another place"):
+                package.write_report(identified.result, tmp_path, figures=False)
+            assert os.listdir(tmp_path) == [name]
+        else:
+            package.write_report(identified.result, tmp_path, figures=False)
+            assert sorted(os.listdir(tmp_path)) == ["report.html", "result.json"]
+            assert all(path.is_file() and not path.is_symlink() for path in tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("is_older", [True, False])

@@ -20,6 +20,8 @@ import pytest
 from cli_runs import opid, refused
 from hypothesis import HealthCheck, Phase, given, settings
 from made_chain import curve_of, small_chain
+from scipy import sparse
+from scipy.io import hb_write, mmwrite
 from small_logs import ended_after
 from spoilers import OF_FORMAT, PLACES, as_npy, put_nothing, put_unreadable, spoil, spoiled
 from test_planning import FILE
@@ -40,7 +42,7 @@ from opid.studies.stored_fits import read_fits
 from opid.studies.study_file import read_study
 from opid.studies.suspension_study import read_loading
 from opid.suspensions.flights.result_file import read_flight
-from opid.updating.measured import read_backbone, write_backbone
+from opid.updating.measured import MeasuredBackbone, SensorHarmonic, read_backbone, write_backbone
 from opid.updating.structure.matrices_file import read_structure, write_structure
 from opid.virtual.truth_file import read_truth, tabulate_truth
 
@@ -83,8 +85,30 @@ def write_chain(path):
     path.write_text(STUDY)
 
 
+def write_market(path):
+    mmwrite(path, sparse.coo_matrix(small_chain().mass))
+
+
+def write_labels(path):
+    write_structure(path.with_name("structure.npz"), small_chain())
+    path.write_text("node,dof\n" + "".join(f"{node},{dof}\n" for node, dof in enumerate(small_chain().dofs)))
+
+
+def read_with_labels(path):
+    return read_structure(path.with_name("structure.npz"), dofs=path)
+
+
 READERS = {
     "matrices": Reader("structure.npz", lambda path: write_structure(path, small_chain()), read_structure),
+    "matrix": Reader(
+        "mass.mtx", write_market, lambda path: read_structure({"mass": path, "stiffness": path}, sensors=["1"])
+    ),
+    "sparse": Reader(
+        "mass.npz",
+        lambda path: sparse.save_npz(path, sparse.coo_matrix(small_chain().mass)),
+        lambda path: read_structure({"mass": path, "stiffness": path}, sensors=["1"]),
+    ),
+    "labels": Reader("dofs.csv", write_labels, read_with_labels),
     "modes npz": Reader("modes.npz", lambda path: write_modes(MODES, path), read_modes),
     "modes csv": Reader("modes.csv", lambda path: write_modes(MODES, path), read_modes),
     "backbone": Reader(
@@ -267,6 +291,14 @@ def test_numbers_that_no_study_has_are_refused(value, tmp_path):
         read_guess(path)
 
 
+@pytest.mark.parametrize("value", ["1e-60", "-1e60", "1e300"])
+def test_a_size_that_no_study_has_is_told_with_both_ends(value, tmp_path):
+    path = tmp_path / "guess.toml"
+    path.write_text(FILE.replace("sprung_mass_kg = 1850", f"sprung_mass_kg = {value}"))
+    with pytest.raises(InputError, match=r"whose size is not between 1e-50 and 1e\+50, give a number"):
+        read_guess(path)
+
+
 @pytest.mark.parametrize(
     ("samples", "fs", "words"),
     [
@@ -274,6 +306,7 @@ def test_numbers_that_no_study_has_are_refused(value, tmp_path):
         ([0.0, 1e-300], 10.0, "has values up to 1e-300, which nothing measures"),
         ([0.0, 1.0], 1e300, "give a positive sampling rate"),
         ([0.0, 1.0], np.nan, "give a positive sampling rate"),
+        ([0.0, 1.0], 1e-13, r"fs is 1e-13 Hz: give a positive sampling rate from 1e-12 to 1e\+12 Hz"),
     ],
 )
 def test_a_recording_of_what_nothing_measures_is_refused(samples, fs, words):
@@ -291,11 +324,14 @@ def test_a_recording_of_what_nothing_measures_is_refused(samples, fs, words):
             {"covariance": lambda old: [[1e3 * each * (i == 0) + each for each in row] for i, row in enumerate(old)]},
             "none",
         ),
-        ({"vector": lambda old: [*old[:4], -old[4], *old[5:]]}, "mass or rate that is not positive"),
-        ({"noise_m_per_s2": lambda old: [[0.0], old[1]]}, "noise, motion"),
-        ({"motion_rms": lambda old: [[0.0, 1.0]]}, "noise, motion"),
+        ({"vector": lambda old: [*old[:4], -old[4], *old[5:]]}, "1/kg, which is not positive"),
+        ({"noise_m_per_s2": lambda old: [[0.0], old[1]]}, "has a noise that is not positive"),
+        ({"names": lambda old: [each.replace("_mass", "_mess") for each in old]}, "names no 'inverse_mass'"),
+        ({"repeatability": lambda old: -0.1}, "has the repeatability -0.1, which is negative"),
+        ({"groups": lambda old: [*old, *old]}, "has groups of other interfaces than its own"),
+        ({"motion_rms": lambda old: [[0.0, 1.0]]}, "has a motion that is not positive"),
         ({"motion_rms": lambda old: []}, "do not belong together"),
-        ({"rate_hz": lambda old: -1.0}, "rate that is not positive"),
+        ({"rate_hz": lambda old: -1.0}, "has the rate -1 Hz, which is not positive"),
         ({"runs": lambda old: []}, "do not belong together"),
     ],
 )
@@ -331,6 +367,109 @@ def test_many_names_take_no_time(tmp_path):
     np.savez_compressed(path, **arrays | {"joints": np.arange(150_000.0).reshape(-1, 3)})
     with ended_after(60), pytest.raises(InputError, match=r"structure\.npz"):
         read_structure(path)
+
+
+@pytest.mark.parametrize("is_repeated", [False, True])
+def test_many_rows_of_modes_take_no_time(is_repeated, tmp_path):
+    """It was the square of their number, in the file and in the modes themselves: 95 s for 40,000 rows."""
+    path = tmp_path / "modes.csv"
+    names = [f"s{number}" for number in range(60_000)]
+    names[-1] = names[-2] if is_repeated else names[-1]
+    path.write_text("name,1\nfrequency_hz,20\ndamping_ratio,0.01\n" + "".join(f"{name},1\n" for name in names))
+    with ended_after(60):
+        if is_repeated:
+            with pytest.raises(InputError, match=r"modes\.csv: 2 rows are called 's59998': rename them"):
+                read_modes(path)
+        else:
+            assert read_modes(path).sensors == tuple(names)
+
+
+def test_many_harmonics_take_no_time():
+    names = tuple(f"s{number}" for number in range(50_000))
+    amplitude = np.outer(np.linspace(1e-3, 2e-3, 10), np.ones(len(names)))
+    harmonics = tuple(SensorHarmonic(name, 3, np.full(10, 1e-4)) for name in names)
+    with ended_after(60), pytest.raises(InputError, match=r"harmonic 3 of 's49999' .* is given twice"):
+        MeasuredBackbone("a", 1, "s0", np.full(10, 20.0), amplitude, names, harmonics=(*harmonics, harmonics[-1]))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("labels", "dof\n" + "x" * 200_000 + "\n"),
+        ("modes csv", "name,1\nfrequency_hz," + "1" * 200_000 + "\n"),
+        ("loading", "mass_kg,x_m,y_m\n1,2," + "3" * 200_000 + "\n"),
+        ("flights", "flight\n" + "x" * 200_000 + "\n"),
+        ("labels", 'dof\n"a\n'),
+    ],
+)
+def test_a_cell_that_is_none_is_refused(name, text, tmp_path):
+    """A cell may be shorter than the longest line and longer than any that Python's csv takes."""
+    path = READERS[name].make(tmp_path)
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"line \d is no row of a table \(.*\): mend this line") as caught:
+        READERS[name].read(path)
+    assert path.name in str(caught.value)
+
+
+FAR = 10**11
+HEAD = "%%MatrixMarket matrix"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"{HEAD} array real general\n{FAR} 1\n1.0\n",
+        f"{HEAD} array real general\n{FAR} {10 * FAR}\n1.0\n",
+        f"{HEAD} coordinate real general\n{FAR} {FAR} 1\n1 1 1.0\n",
+        f"{HEAD} coordinate real symmetric\n4 4 {FAR}\n1 1 1.0\n",
+    ],
+)
+def test_a_matrix_market_file_that_says_more_than_there_is_room_for_is_refused(text, tmp_path):
+    """One of 75 bytes asked the system for 745 GB, and the answer named no file."""
+    path = tmp_path / "mass.mtx"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"mass\.mtx: its arrays would take .* GB"):
+        read_structure({"mass": path, "stiffness": path})
+
+
+@pytest.mark.parametrize("kind", ["coo", "dia", "csc"])
+def test_a_sparse_archive_that_says_more_than_there_is_room_for_is_refused(kind, tmp_path):
+    path = tmp_path / "mass.npz"
+    sparse.save_npz(path, sparse.eye(4, format=kind))
+    np.savez(path, **dict(np.load(path)) | {"shape": np.array([FAR, FAR])})
+    with pytest.raises(InputError, match=r"mass\.npz: its arrays would take .* GB"):
+        read_structure({"mass": path, "stiffness": path})
+
+
+@pytest.mark.parametrize("shape", [np.array(4), np.array([4.0, 4.0]), np.array(["4", "4"]), np.array([4, 4, 4]), None])
+def test_the_shape_of_a_sparse_archive_is_two_whole_numbers(shape, tmp_path):
+    path = tmp_path / "mass.npz"
+    sparse.save_npz(path, sparse.eye(4, format="coo"))
+    arrays = dict(np.load(path))
+    del arrays["shape"]
+    np.savez(path, **arrays if shape is None else arrays | {"shape": shape})
+    with pytest.raises(InputError, match=r"mass\.npz: it(s shape is not two| lacks shape).*: write it with"):
+        read_structure({"mass": path, "stiffness": path})
+
+
+def test_a_boeing_file_that_says_more_than_there_is_room_for_is_refused(tmp_path):
+    path = tmp_path / "mass.hb"
+    hb_write(str(path), sparse.csc_matrix(np.eye(4)))
+    lines = path.read_text().splitlines()
+    lines[2] = lines[2][:14] + f"{FAR:14d}" + lines[2][28:]
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match=r"mass\.hb: its arrays would take .* GB"):
+        read_structure({"mass": path, "stiffness": path})
+
+
+def test_a_file_of_matrices_that_takes_all_memory_is_named(monkeypatch, tmp_path):
+    def ask(*_):
+        raise MemoryError("Unable to allocate 745. GiB")
+
+    path = READERS["matrix"].make(tmp_path)
+    monkeypatch.setattr("scipy.io.mmread", ask)
+    with pytest.raises(InputError, match=r"mass\.mtx needs more memory than there is"):
+        READERS["matrix"].read(path)
 
 
 def test_the_truth_of_another_structure_is_refused(tmp_path):
@@ -386,6 +525,7 @@ ENDS = {
     click.UsageError("no such option"): (2, "Error: no such option"),
     MemoryError(): (2, "Error: it needs more memory than there is"),
     OSError(28, "No space left on device", "out"): (2, "Error: out: No space left on device"),
+    OSError(5, "Input/output error"): (2, "Error: the system refuses: Input/output error"),
     PermissionError(13, "Permission denied", "out"): (2, "Error: out: Permission denied"),
     KeyboardInterrupt(): (130, "Error: interrupted"),
 }
@@ -440,6 +580,29 @@ def test_a_verbose_command_shows_the_traceback(monkeypatch, tmp_path):
     done = end_by(KeyError("end"), monkeypatch, "--verbose")
     assert "Traceback" in done.stderr
     assert "KeyError: 'end'" in done.stderr
+
+
+@pytest.mark.parametrize("place", ["opid.cli.group.Output.reserve", "opid.signals.log.LogSettings"])
+def test_a_traceback_is_shown_once_wherever_the_error_is_raised(place, monkeypatch, tmp_path):
+    """It was shown only while steps were shown."""
+
+    def fail(*_, **settings):
+        raise KeyError("\x1b[31mend")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(place, fail)
+    for options, n_shown in (((), 0), (("--verbose",), 1)):
+        done = opid("inspect", "a.csv", "--out", "never", *options)
+        assert done.exit_code == group.Unexpected.exit_code
+        assert done.stderr.count("Traceback (most recent call last)") == n_shown
+        assert done.stderr.splitlines()[-1].startswith("Error: opid itself failed")
+        assert "\x1b" not in done.stderr
+
+
+@pytest.mark.parametrize("error", [InputError("no number: give one"), OSError(28, "No space left", "out")], ids=str)
+def test_what_belongs_to_the_user_has_no_traceback(error, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert "Traceback" not in end_by(error, monkeypatch, "--verbose").stderr
 
 
 @pytest.mark.parametrize("kind", [[("a", "f8"), ("b", "i4")], "M8[s]", "V8"])

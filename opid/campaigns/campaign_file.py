@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -14,8 +11,8 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from opid.errors import InputError, nearest, refuse
-from opid.signals.files import nearest_beside, read_text
+from opid.errors import InputError, count_repeats, nearest, refuse, shorten_middle
+from opid.signals.files import nearest_beside, read_table
 from opid.studies.schema import Document, load, read_tables, require_plain
 from opid.studies.study_file import SUSPENSIONS, kind_of
 from opid.suspensions.settings import METHODS_OF_LAW
@@ -96,6 +93,10 @@ class CampaignPlan:
     options: IdentifyOptions = IdentifyOptions()
 
 
+class _RowError(InputError):
+    """What is wrong with a flight: the rest of a sentence that begins with it."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class _CampaignTables:
     title: str | None = None
@@ -159,21 +160,16 @@ def read_rows(path: Path) -> list[dict[str, Cell]]:
             more cells than the head, or a quotation mark that is not closed.
     """
     try:
-        text = read_text(path)
+        table, delimiter = read_table(path)
     except OSError as error:
-        raise InputError(
-            f"cannot read the table of flights {path}: {error.strerror}{nearest_beside(path, ('.csv',))}"
-        ) from error
+        # what is there and cannot be opened has no other name
+        hint = nearest_beside(path, (".csv",)) if isinstance(error, FileNotFoundError) else ": check its permissions"
+        raise InputError(f"cannot read the table of flights {path}: {error.strerror}{hint}") from error
     except InputError as error:
         raise InputError(f"cannot read the table of flights {path}: {error}") from error
-    is_comma = ";" in text.partition("\n")[0]
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if is_comma else ",", strict=True)
-    try:
-        head, *rows = [[cell.strip() for cell in row] for row in reader if any(map(str.strip, row))] or [[]]
-    except csv.Error as error:
-        raise InputError(f"the table of flights {path}, line {reader.line_num}: {error}: mend this line") from error
+    head, *rows = [row for row in table if any(row)] or [[]]
     faults = ["a column without a name in its head"] if "" in head else []
-    faults += [f"the column {name!r} {n} times" for name, n in Counter(head).items() if n > 1 and name]
+    faults += [f"the column {name!r} {n} times" for name, n in count_repeats(head).items() if name]
     faults += [
         f"{len(row)} cells in row {number} where the head has {len(head)} (put a number with a decimal comma in "
         "quotation marks)"
@@ -184,7 +180,7 @@ def read_rows(path: Path) -> list[dict[str, Cell]]:
         faults.append("no row below its head")
     if faults:
         raise InputError(f"the table of flights {path} has {'; '.join(faults[:_MOST_FAULTS])}: mend it")
-    mend = _with_decimal_point if is_comma else str
+    mend = _with_decimal_point if delimiter == ";" else str
     return [{name: mend(cell) for name, cell in zip(head, row, strict=False) if cell} for row in rows]
 
 
@@ -197,7 +193,7 @@ def _find_number(cell: Cell) -> int | float | None:
     """The number of a cell, which is a text in a CSV file and has a type in TOML; None if it is none.
 
     Raises:
-        InputError: a number without an end.
+        _RowError: a number without an end.
     """
     if isinstance(cell, bool) or not isinstance(cell, str | int | float):
         return None
@@ -207,7 +203,7 @@ def _find_number(cell: Cell) -> int | float | None:
             number = kind(cell)
             break
     if number is not None and not abs(number) < _LARGEST:
-        raise InputError(f"has the number {str(cell)[:40]}: give a finite one, below {_LARGEST:g}")
+        raise _RowError(f"has the number {shorten_middle(str(cell), 40)}: give a finite one, below {_LARGEST:g}")
     return number
 
 
@@ -235,15 +231,15 @@ def _plan_flights(
         study = source.parent / str(own) if own is not None else template
         try:
             if not name:
-                raise InputError(f"has no {NAME!r}: give it a name ({nearest(NAME, row)})")
+                raise _RowError(f"has no {NAME!r}: give it a name ({nearest(NAME, row)})")
             require_plain(NAME, name)
             if tail:
                 require_plain(TAIL, tail)
             key = tail.casefold(), name.casefold()
             if key in flights:
-                raise InputError("stands in the table twice: give each flight of an aircraft a name of its own")
+                raise _RowError("stands in the table twice: give each flight of an aircraft a name of its own")
             if study is None:
-                raise InputError("has no study: give a template, study = \"study.toml\", or a column 'study'")
+                raise _RowError("has no study: give a template, study = \"study.toml\", or a column 'study'")
             if study in broken:
                 continue
             if study not in documents:
@@ -251,15 +247,17 @@ def _plan_flights(
                 documents[study] = _load_study(study)
                 broken.remove(study)
             flights[key] = _plan_flight(name, tail, row, documents[study], study)
+        except _RowError as error:
+            faults.append(f"{where} {error}")
         except InputError as error:
-            faults.append(f"{where} {error}" if str(error).startswith(("has ", "stands ")) else f"{where}: {error}")
+            faults.append(f"{where}: {error}")
     return tuple(flights.values())
 
 
 def _plan_flight(name: str, tail: str, row: Mapping[str, Cell], document: Document, source: Path) -> PlannedFlight:
     day = None if DATE not in row else _find_date(row[DATE])
     if DATE in row and day is None:
-        raise InputError(f"has the {DATE} {str(row[DATE])!r}: give one like 2026-03-01")
+        raise _RowError(f"has the {DATE} {str(row[DATE])!r}: give one like 2026-03-01")
     filled = _fill_in(document, row)
     filled.setdefault("title", name)
     if day is not None:
@@ -287,7 +285,7 @@ def _fill_in(value: Any, row: Mapping[str, Cell]) -> Any:
         return value
     for name in _PLACEHOLDER.findall(value):
         if name not in row and name not in _OF_STUDIES:
-            raise InputError(f"has no cell for {{{name}}} in the study ({nearest(name, row)})")
+            raise _RowError(f"has no cell for {{{name}}} in the study ({nearest(name, row)})")
     whole = _PLACEHOLDER.fullmatch(value)
     if whole and whole[1] in row:
         cell = row[whole[1]]

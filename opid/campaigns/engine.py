@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import secrets
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from opid.campaigns.campaign_file import CampaignPlan, PlannedFlight
 from opid.campaigns.flight_task import Done, FlightTask, TaskSettings, run_task
 from opid.errors import InputError, require
+from opid.json_values import read_json
 from opid.progress import Say, Step
 from opid.signals.files import make_directory, reserve_directory
 from opid.suspensions.flights.campaign import DATASET, INDEX_FILE, Campaign, Outcome, Verdict
@@ -68,7 +68,7 @@ def refuse_another(title: str, directory: Path) -> None:
     """
     other = title
     with suppress(OSError, ValueError, KeyError, TypeError):
-        other = json.loads((directory / INDEX_FILE).read_text(encoding="utf-8"))["title"]
+        other = read_json(directory / INDEX_FILE)["title"]
     if other != title:
         raise InputError(
             f"{directory} holds the campaign {other!r}, and this one is {title!r}: choose another folder, or overwrite "

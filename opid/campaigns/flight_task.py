@@ -16,7 +16,7 @@ from typing import Any
 
 from opid.campaigns.campaign_file import IdentifyOptions, PlannedFlight
 from opid.errors import InputError, NotDeterminedError
-from opid.json_values import json_text, plain
+from opid.json_values import json_text, plain, read_json
 from opid.provenance import ReadFile, read_file, traced
 from opid.result import RESULT_FILE
 from opid.signals.files import make_directory, write_together, write_whole
@@ -123,7 +123,7 @@ def _find_outcome(task: FlightTask) -> Outcome | None:
     A flight that failed because of its files is tried again: they may have been mended.
     """
     try:
-        said = json.loads((task.folder / OUTCOME_FILE).read_text(encoding="utf-8"))
+        said = read_json(task.folder / OUTCOME_FILE)
         files = tuple(ReadFile(**each) for each in said["files"])
         is_same = said["task_sha256"] == task.digest and not said["is_to_be_repeated"]
         if said["result_sha256"] is not None:
@@ -231,7 +231,7 @@ def _count_attempt(task: FlightTask) -> str:
     """Return why a flight is not tried again, and count the attempt if it is."""
     begun, n_before = task.folder / _BEGUN_FILE, 0
     with suppress(OSError, ValueError, KeyError, TypeError):
-        said = json.loads(begun.read_text(encoding="utf-8"))
+        said = read_json(begun)
         n_before = int(said["attempts"]) if said["run"] == task.run else 0
     trace = task.folder / _TRACE_FILE
     if n_before and trace.exists() and trace.stat().st_size:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.errors import InputError, NotDeterminedError, escape_invisible, list_names
+from opid.errors import InputError, NotDeterminedError, escape_invisible, list_names, shorten_middle
 from opid.progress import Say, Step
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class _Path(click.Path):
 
 PATH = _Path(path_type=Path)
 
-_OF_CLICK = (click.ClickException, click.exceptions.Exit, click.Abort)
+_VERBOSE = "opid.verbose"  # what the contexts of a command share of its options
 _LONGEST_WORD, _LONGEST_LINE, _LONGEST_REASON = 300, 1500, 200
 _PAUSE_S = 0.01  # before a signal is sent once more: what was destroyed is gone by then
 
@@ -124,12 +124,8 @@ def as_line(text: str) -> str:
     >>> as_line("there is no file a\x1b[31m\nb")
     'there is no file a\\x1b[31m b'
     """
-    words = (_shorten(word, _LONGEST_WORD) for word in printable(text).split())
-    return _shorten(" ".join(words), _LONGEST_LINE)
-
-
-def _shorten(text: str, most: int) -> str:
-    return text if len(text) <= most else f"{text[: most // 2]}...{text[-most // 2 :]}"
+    words = (shorten_middle(word, _LONGEST_WORD, "...") for word in escape_invisible(text).split())
+    return shorten_middle(" ".join(words), _LONGEST_LINE, "...")
 
 
 class _Sentence(click.ClickException):
@@ -262,7 +258,8 @@ class Commands(click.Group):
             # if the reader of a pipe has ended, click ends without a word
             if error.errno == errno.EPIPE:
                 raise
-            raise BadInput(f"{error.filename or 'cannot write'}: {error.strerror or error}") from error
+            # a failed write or read of an open file names none
+            raise BadInput(f"{error.filename or 'the system refuses'}: {error.strerror or error}") from error
         except KeyboardInterrupt as error:
             raise Interrupted("interrupted") from error
         except _EndedError as error:
@@ -270,6 +267,8 @@ class Commands(click.Group):
         except (click.exceptions.Exit, click.Abort):
             raise
         except Exception as error:
+            if context.meta.get(_VERBOSE):
+                click.echo(escape_invisible(traceback.format_exc()), err=True)
             raise Unexpected(error) from error
 
 
@@ -466,11 +465,11 @@ class Output:
         from opid.report import text
 
         if self.as_json:
-            click.echo(printable(json_text(traced(result.to_dict(), result.files))), nl=False)
+            click.echo(escape_invisible(json_text(traced(result.to_dict(), result.files))), nl=False)
         elif self.has_text:
             click.echo(text(result, truth))
             for note in notes:
-                click.echo(printable(note))
+                click.echo(escape_invisible(note))
         reason = getattr(result, "not_determined", None)
         if reason:
             raise NotDetermined(
@@ -485,14 +484,9 @@ class Output:
         again = shlex.join(["opid", command, str(study), "--truth", str(truth)])
         if self.as_json:
             made = {"made": words.splitlines(), "study": str(study), "truth": str(truth), "next": again}
-            click.echo(printable(json_text(made)), nl=False)
+            click.echo(escape_invisible(json_text(made)), nl=False)
         elif self.has_text:
-            click.echo(printable(f"{words}\nNext: {again}"))
-
-
-def printable(text: str) -> str:
-    """Return a text as any terminal can show it: the name of a file may be no UTF-8, or steer a terminal."""
-    return escape_invisible(text)
+            click.echo(escape_invisible(f"{words}\nNext: {again}"))
 
 
 def with_output(command: Callable[..., None]) -> Callable[..., None]:
@@ -522,6 +516,7 @@ def _add_output(command: Callable[..., None], options: Sequence[Callable[..., An
             raise click.UsageError("--quiet and --verbose are both given: give one of them")
         if png and not figures:
             raise click.UsageError("--png and --no-figures are both given: give one of them")
+        click.get_current_context().meta[_VERBOSE] = verbose
         command(output=Output(out, overwrite, as_json, quiet, verbose, figures, png), **given)
 
     decorated: Callable[..., None] = run
@@ -548,18 +543,13 @@ def steps() -> Iterator[Say]:
     start, logger = time.monotonic(), logging.getLogger("opid")
 
     def say(step: str) -> None:
-        click.echo(printable(f"{time.monotonic() - start:7.1f} s  {step}"), err=True)
+        click.echo(escape_invisible(f"{time.monotonic() - start:7.1f} s  {step}"), err=True)
 
     shown, before = _LogAsSteps(say), logger.level
     logger.addHandler(shown)
     logger.setLevel(logging.DEBUG)
     try:
         yield say
-    except (InputError, NotDeterminedError, OSError, MemoryError, *_OF_CLICK):
-        raise
-    except Exception:
-        click.echo(traceback.format_exc(), err=True)
-        raise
     finally:
         logger.removeHandler(shown)
         logger.setLevel(before)
@@ -588,7 +578,7 @@ def progress(*, quiet: bool = False) -> Iterator[Say]:
         name, fraction = (step.name, step.fraction) if isinstance(step, Step) else (step, None)
         # Steps that count on from each other, like the tests of a series, share one clock and one bar.
         goes_on = fraction is not None and line.bar_format == COUNTED and fraction >= line.n
-        line.set_description_str(printable(name), refresh=False)
+        line.set_description_str(escape_invisible(name), refresh=False)
         line.bar_format = UNCOUNTED if fraction is None else COUNTED
         line.n = fraction or 0.0
         if not goes_on:  # The time that is left is estimated from what is done from here on.

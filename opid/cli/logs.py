@@ -16,12 +16,11 @@ from opid.cli.group import (
     example,
     main,
     out_option,
-    printable,
     time_unit_option,
     unit_option,
     with_output,
 )
-from opid.errors import InputError
+from opid.errors import InputError, escape_invisible
 from opid.progress import Say, Step
 
 if TYPE_CHECKING:
@@ -95,9 +94,9 @@ def inspect(
         if output.as_json:
             output.show(result)
         elif output.has_text and notes:
-            click.echo(printable("\n" + "\n".join((*notes, *filter(None, left_out)))))
+            click.echo(escape_invisible("\n" + "\n".join((*notes, *filter(None, left_out)))))
     for failure in failures[:-1]:
-        click.echo(printable(f"Error: {failure}"), err=True)
+        click.echo(escape_invisible(f"Error: {failure}"), err=True)
     if failures:
         raise BadInput(failures[-1])
 

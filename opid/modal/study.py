@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
-from opid.errors import InputError, nearest, refuse
+from opid.errors import InputError, count_repeats, nearest, refuse
 from opid.modal.couplings import DEGREES, Product
 from opid.modal.joint_terms import read_memory
 from opid.modal.linear.modes import ACCELERATION, LinearModes, ModalTest, with_units
@@ -150,9 +150,8 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
         elif not set(coupling) & set(study.nonlinear) and study.nonlinear:
             yield f"couplings has {list(coupling)}, none of which is among nonlinear = {list(study.nonlinear)}"
     names = [each.test.name for each in study.tests] + [each.name for each in study.curves]
-    for name in dict.fromkeys(names):
-        if names.count(name) > 1:
-            yield f"{names.count(name)} tests are called {name!r}, rename them"
+    for name, n in count_repeats(names).items():
+        yield f"{n} tests are called {name!r}, rename them"
     yield from _find_curve_faults(study)
     for each in study.tests:
         name = each.test.name

@@ -28,6 +28,7 @@ from opid.plots.style import (
     house_style,
     panels,
     panels_in_rows,
+    shorten,
     write_note,
 )
 from opid.signals.health.result import ChannelHealth, Health, Overview, SpectralLine, Stretch
@@ -146,7 +147,7 @@ def orientation_picture(health: Health, axes: Any = None) -> np.ndarray:
                 ax.plot([0, right], [0, top], color=color, linewidth=2.0)
                 ax.plot([right], [top], "o", color=color, markersize=5)
                 write_note(ax, letter, (right, top), (4, 4), color=color)
-            ax.set_title(f"{_shorten_name(name)}, {format_minus(f'{np.degrees(found.std_rad):.2g}')}° std. dev.")
+            ax.set_title(f"{_write_name(name)}, {format_minus(f'{np.degrees(found.std_rad):.2g}')}° std. dev.")
             ax.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), aspect="equal", xlabel="across", ylabel="up")
     return grid
 
@@ -170,7 +171,7 @@ def _draw_history(
 ) -> None:
     unit = "" if channel.unit == "?" else f" {format_units(channel.unit)}"
     ax.set_title(
-        f"{_shorten_name(channel.name)}, {'mute' if channel.mute else f'{format_number(channel.rms, 4)}{unit} rms'}"
+        f"{_write_name(channel.name)}, {'mute' if channel.mute else f'{format_number(channel.rms, 4)}{unit} rms'}"
     )
     ax.set_ylabel("[no unit]" if channel.unit == "?" else f"[{format_units(channel.unit)}]")
     overview = channel.overview
@@ -373,10 +374,9 @@ def _write(ax: Axes, text: str, height: float, *, color: str) -> None:
     write_note(ax, text, (0.0, height), (3.0, 1.5 if is_floor else 0.0), color=color, **how)
 
 
-def _shorten_name(name: str) -> str:
-    """A name that fits above a history; of a long one the end is kept, which differs more than its beginning."""
-    shown = name if name.isprintable() else ascii(name)[1:-1]
-    return shown if len(shown) <= LONGEST_NAME else f"…{shown[1 - LONGEST_NAME :]}"
+def _write_name(name: str) -> str:
+    """Return a name that fits above a history, on one line."""
+    return shorten(" ".join(name.split()), LONGEST_NAME)
 
 
 def _write_nothing(ax: Axes, text: str) -> None:

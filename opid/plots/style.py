@@ -29,7 +29,7 @@ from matplotlib.ticker import (
     NullFormatter,
 )
 
-from opid.errors import INVISIBLE, NotDeterminedError
+from opid.errors import INVISIBLE, NotDeterminedError, shorten_middle
 from opid.estimate import RAISED, format_number
 from opid.mechanics.truth import TaxiTruth
 from opid.suspensions.paper.chain import RunEvidence
@@ -92,8 +92,8 @@ _DRAWN: ContextVar[list[Axes]] = ContextVar("drawn")
 def house_style() -> Iterator[None]:
     """Draw in the house style within the block; the settings of the user hold again after it.
 
-    When the block ends, every text of the Axes that `panels` or `take_axes` gave is made fit for a figure: this is the
-    one place where names of the user are shortened, and lose what no font can draw.
+    When the block ends, every text of the Axes that `panels` or `take_axes` gave is made fit for a figure: names of the
+    user are shortened, and lose what no font can draw. Before it only names with less room than a line are (`shorten`).
     """
     drawn: list[Axes] = []
     token = _DRAWN.set(drawn)
@@ -371,17 +371,11 @@ def shorten(text: str, most: int = LONGEST_LINE) -> str:
 def _cut_line(line: str, most: int) -> str:
     if len(line) > most:
         longest = max(line.split(" "), key=len)
-        line = line.replace(longest, _cut(longest, max(LEAST_WORD, len(longest) + most - len(line))), 1)
-    return _cut(line, most)
+        line = line.replace(longest, shorten_middle(longest, max(LEAST_WORD, len(longest) + most - len(line))), 1)
+    return shorten_middle(line, most)
 
 
-def _cut(text: str, most: int) -> str:
-    """Return a text whose middle is left out where it is longer: the end tells apart what begins alike."""
-    n_last = most // 3
-    return text if len(text) <= most else f"{text[: most - n_last - 1]}…{text[len(text) - n_last :]}"
-
-
-def read_text(text: Text) -> str:
+def find_written_text(text: Text) -> str:
     """Return a text of a figure as a page can show it, which has fonts for every script."""
     return str(text.get_gid() or text.get_text())
 

@@ -24,7 +24,7 @@ from opid.errors import InputError, escape_invisible
 from opid.json_values import json_text
 from opid.mechanics.truth import BodyTruth, GearTruth, ModalTruth, Truth, UpdatingTruth
 from opid.progress import Say
-from opid.provenance import traced
+from opid.provenance import read_content, traced
 from opid.report.as_text import lay_out_text
 from opid.report.document import Block, Document, Figure, Remarks, Table, end_sentence
 from opid.report.formulas import write_html
@@ -169,7 +169,7 @@ def write_report(
 def _find_pictures(page: Path) -> set[str]:
     """Return the names of the PNG files that an older page may have beside it: those of its charts."""
     try:
-        names = re.findall(r'data-chart="([^"/\\]+)"', page.read_text(encoding="utf-8"))
+        names = re.findall(r'data-chart="([^"/\\]+)"', read_content(page).decode("utf-8"))
     except (OSError, ValueError):
         return set()
     return {f"{unescape(name)}.png" for name in names}

@@ -8,8 +8,10 @@ nobody; what a dead one has left there stays.
 
 from __future__ import annotations
 
+import csv
 import errno
 import hashlib
+import io
 import os
 import secrets
 import shutil
@@ -90,6 +92,41 @@ def read_table_text(path: Path, header: str) -> tuple[str, str]:
     if delimiter is None:
         raise InputError(f"its first line has one column: give a header like {header}")
     return text, delimiter
+
+
+def read_table(path: Path, delimiters: str = ";,") -> tuple[list[list[str]], str]:
+    """Return the rows of a small table, blank ones among them, without blanks around their cells; and its delimiter.
+
+    Args:
+        path: path of the file.
+        delimiters: the first of these that its first line with content has is its delimiter; the last where it has
+            none.
+
+    Raises:
+        InputError: as of `read_text` and `split_rows`.
+        OSError: the file cannot be read.
+    """
+    text = read_text(path)
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    delimiter = next((mark for mark in delimiters if mark in first), delimiters[-1])
+    return split_rows(text, delimiter), delimiter
+
+
+def split_rows(text: str, delimiter: str) -> list[list[str]]:
+    """Return the cells of a text in CSV, row by row, without blanks around them.
+
+    Args:
+        text: of the table.
+        delimiter: between two cells of a row.
+
+    Raises:
+        InputError: a quotation mark that is not closed, or a cell that is longer than any; no path is in the words.
+    """
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    try:
+        return [[cell.strip() for cell in row] for row in reader]
+    except csv.Error as error:
+        raise InputError(f"line {reader.line_num} is no row of a table ({error}): mend this line") from error
 
 
 @contextmanager

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, count_repeats, nearest
 from opid.provenance import ReadFile
 
 FloatArray = NDArray[np.float64]
@@ -18,7 +17,7 @@ LEAST_SIZE, LARGEST_SIZE = 1e-50, 1e50
 """Sizes between which SI values of all that can be measured lie, and whose sixth powers a computer still knows."""
 
 LARGEST_RATE_HZ = 1e12
-"""Sampling rate of no recorder."""
+"""Sampling rate above that of any recorder, as one a day is above its inverse."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,10 @@ class Recording:
         if samples.shape[0] < 2:
             raise InputError(f"the recording has {samples.shape[0]} sample(s): at least two are needed")
         if not 1 / LARGEST_RATE_HZ <= self.fs <= LARGEST_RATE_HZ:
-            raise InputError(f"fs is {self.fs} Hz: give a positive sampling rate in Hz, below {LARGEST_RATE_HZ:g}")
+            raise InputError(
+                f"fs is {self.fs} Hz: give a positive sampling rate from {1 / LARGEST_RATE_HZ:g} to "
+                f"{LARGEST_RATE_HZ:g} Hz"
+            )
         names = [channel.name for channel in channels]
         require_distinct_names(names)
         bad = ~np.isfinite(samples)
@@ -172,9 +174,8 @@ def has_usual_size(values: ArrayLike) -> bool:
 
 def require_distinct_names(names: Sequence[str]) -> None:
     """Raise an error if two channels have one name."""
-    for name, n in Counter(names).items():
-        if n > 1:
-            raise InputError(f"the channel name {name!r} stands {n} times: rename one")
+    for name, n in count_repeats(names).items():
+        raise InputError(f"the channel name {name!r} stands {n} times: rename one")
 
 
 def recording_from_arrays(

@@ -13,6 +13,7 @@ at the first fault, and cattrs needs a hook for each plain type.
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 import types
@@ -57,7 +58,7 @@ class _UnfitError(Exception):
 
 
 class _UnfitItemError(_UnfitError):
-    """An item of a list is not of its type."""
+    """An item of a list is not of its type, or a number has a size that nothing has: more than that it is unfit."""
 
 
 def load(source: Path) -> Document:
@@ -186,6 +187,8 @@ def _convert(hint: Any, value: Any, path: str, faults: list[str]) -> Any:
         is_fit = type(value) is kind if origin is not Literal else value in within
     if is_fit:
         return value
+    if kind is float and type(value) is float and math.isfinite(value):
+        raise _UnfitItemError(f"{unfit}, whose size is not between {LEAST_SIZE:g} and {LARGEST_SIZE:g}")
     if isinstance(value, list) and origin is tuple and len(value) == (len(value) if ... in within else len(within)):
         hints = within[:1] * len(value) if ... in within else within
         found = [_read_item(*each, path, faults) for each in zip(hints, value, range(1, len(value) + 1), strict=True)]

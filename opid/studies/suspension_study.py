@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -16,7 +15,7 @@ import numpy as np
 
 from opid.errors import InputError, meant_by, nearest, refuse
 from opid.progress import Say
-from opid.signals.files import read_text
+from opid.signals.files import read_table
 from opid.signals.health.result import Finding
 from opid.signals.log import AS_WRITTEN, ChannelSettings, LogSettings
 from opid.signals.logs import write_log
@@ -353,13 +352,12 @@ def read_loading(path: Path) -> tuple[PointMass, ...]:
         InputError: no such file, a column that is missing, a cell that is no number: all at once.
     """
     try:
-        lines = [line for line in read_text(path).splitlines() if line.strip()]
-        delimiter = ";" if lines and ";" in lines[0] else ","
-        head, *rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)] or [[]]
+        table, delimiter = read_table(path)
     except OSError as error:
         raise InputError(f"cannot read the loading table {path}: {error.strerror}: check the name") from error
-    except (InputError, csv.Error) as error:
+    except InputError as error:
         raise InputError(f"cannot read the loading table {path}: {error}") from error
+    head, *rows = [row for row in table if any(row)] or [[]]
     faults = [f"lacks the column {name!r} ({nearest(name, head)})" for name in LOADING_COLUMNS if name not in head]
     loading = []
     for number, row in enumerate([] if faults else rows, start=2):

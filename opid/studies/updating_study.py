@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from opid.errors import InputError, nearest, refuse, require_positive
+from opid.errors import InputError, count_repeats, nearest, refuse, require_positive
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.kinds import LAWS, Parameter
 from opid.modal.linear.modes import LinearModes
@@ -363,18 +363,17 @@ def _read_linear_classes(table: _Structure) -> dict[str, tuple[str, ...]]:
     Raises:
         InputError: a name that is given twice.
     """
-    names = [each.name for each in table.classes]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"{names.count(name)} of [[structure.classes]] are called {name!r}: rename them")
+    for name, n in count_repeats(each.name for each in table.classes).items():
+        raise InputError(f"{n} of [[structure.classes]] are called {name!r}: rename them")
     return {each.name: tuple(map(str, each.parameters)) for each in table.classes}
 
 
 def write_files(study: UpdatingStudy, directory: Path) -> str:
     """Write the structure and each backbone, and return the text of the study file."""
     names = [_name_file(curve) for curve in study.backbones]
+    repeated = count_repeats(names)
     for curve, name in zip(study.backbones, names, strict=True):
-        if name == ".csv" or names.count(name) > 1:
+        if name == ".csv" or name in repeated:
             raise InputError(f"the backbone {curve.name!r} cannot name its file: give each a name of its own")
     if not isinstance(study.structure, AffineStructure):
         raise InputError("the structure of the study is given by its modes: a study file needs its matrices")

@@ -17,7 +17,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, count_repeats, nearest
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.structure import read_only
 from opid.provenance import ReadFile, read_file
@@ -177,14 +177,15 @@ class MeasuredBackbone:
         self._check_harmonics()
 
     def _check_harmonics(self) -> None:
-        columns = [(each.sensor, each.order) for each in self.harmonics]
+        known = frozenset(self.sensors)
+        repeated = count_repeats((each.sensor, each.order) for each in self.harmonics)
         largest = np.abs(self.amplitude).max(axis=1)
         for each in self.harmonics:
             named = f"harmonic {each.order} of {each.sensor!r} in backbone {self.name!r}"
-            if each.sensor not in self.sensors:
+            if each.sensor not in known:
                 hint = nearest(each.sensor, self.sensors)
                 raise InputError(f"{named} belongs to no sensor with a first harmonic: give that, too, or {hint}")
-            if columns.count((each.sensor, each.order)) > 1:
+            if (each.sensor, each.order) in repeated:
                 raise InputError(f"{named} is given twice: leave one out")
             if each.amplitude.shape != self.frequency_hz.shape:
                 raise InputError(

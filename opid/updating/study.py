@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from opid.errors import InputError, nearest, refuse
+from opid.errors import InputError, count_repeats, nearest, refuse
 from opid.mechanics.backbones.harmonic_balance import harmonics_of
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.law import Term
@@ -181,9 +181,8 @@ def _find_faults(study: UpdatingStudy) -> Iterator[str]:
         ("backbones", [one.name for one in study.backbones]),
         ("classes", [one.name for one in study.classes]),
     ):
-        for name in dict.fromkeys(names):
-            if names.count(name) > 1:
-                yield f"{names.count(name)} {what} are called {name!r}, rename them"
+        for name, n in count_repeats(names).items():
+            yield f"{n} {what} are called {name!r}, rename them"
     yield from study.setting_faults
     if study.is_joint and not study.parameters:
         yield "joint is true and no parameter of the structure is named, name those to update with the laws"

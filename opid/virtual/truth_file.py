@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from opid.errors import InputError
+from opid.errors import InputError, shorten_middle
 from opid.json_values import json_text, plain, read_json
 from opid.mechanics.laws.law import Law, law_from_parameters
 from opid.mechanics.truth import (
@@ -76,7 +76,7 @@ def read_truth(path: str | os.PathLike[str], record: type[T]) -> T:
     try:
         table = _load(Path(path), remedy)
         if table["schema"] != kind.schema:
-            has = str(table["schema"])[:40]
+            has = shorten_middle(str(table["schema"]), 40)
             raise InputError(
                 f"it has the schema {has!r} where {kind.schema!r} is needed, the truth of {kind.what}; {remedy}"
             )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from opid.errors import InputError, list_names, nearest
+from opid.errors import InputError, count_repeats, list_names, nearest
 from opid.mechanics.structure import Structure, natural_frequencies
 from opid.modal.settings import MODAL
 from opid.signals.motion import DERIVATIVES, differentiate
@@ -448,9 +448,8 @@ def _require_counts(modes: LinearModes) -> None:
     for name in modes.strains:
         if name not in modes.sensors:
             raise InputError(f"strains names {name!r}, no sensor of the shapes: {nearest(name, modes.sensors)}")
-    for name in modes.sensors:
-        if modes.sensors.count(name) > 1:
-            raise InputError(f"the sensor {name!r} is named {modes.sensors.count(name)} times: rename one")
+    for name, n in count_repeats(modes.sensors).items():
+        raise InputError(f"the sensor {name!r} is named {n} times: rename one")
 
 
 def with_accelerations(recording: Recording, sensors: Sequence[str]) -> Recording:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -11,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.errors import InputError, meant_by, nearest, require
+from opid.errors import InputError, count_repeats, meant_by, nearest, require
 from opid.modal.linear.modes import ACCELERATION, LinearModes
 from opid.modal.settings import MODAL
-from opid.signals.files import read_table_text, write_whole
+from opid.signals.files import read_table_text, split_rows, write_whole
 from opid.signals.logs.archives import read_archive
 from opid.signals.recording import FloatArray
 
@@ -133,7 +132,7 @@ def looks_in_percent(modes: LinearModes) -> str:
 
 
 def _read_npz(source: Path) -> LinearModes:
-    held = read_archive(source).require_no_pickles()
+    held = read_archive(source).require_plain_arrays()
     arrays = {name: held[own] for name, own in _assign_rows(list(held), tuple(VARIANTS), "array").items()}
     frequency_hz, damping_ratio, shapes = (_read_numbers(arrays[name], name) for name in (*ROWS, "shapes"))
     return _make_modes(frequency_hz.ravel(), damping_ratio.ravel(), shapes, _read_names(arrays["sensors"]))
@@ -141,11 +140,7 @@ def _read_npz(source: Path) -> LinearModes:
 
 def _read_csv(source: Path) -> LinearModes:
     text, delimiter = read_table_text(source, "sensor,mode 1,mode 2")
-    try:
-        table = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter))
-    except csv.Error as error:
-        raise InputError(f"it is not a table ({error}): save it as CSV") from None
-    cells = [[cell.strip() for cell in row] for row in table]
+    cells = split_rows(text, delimiter)
     # An empty cell after a last delimiter is left out; the others stay, for each stands for a mode.
     rows = [(n, row[:-1] if row[1:] and not row[-1] else row) for n, row in enumerate(cells, start=1) if any(row)]
     if not rows:
@@ -161,9 +156,8 @@ def _read_csv(source: Path) -> LinearModes:
     n_modes = next(len(row) for _, row in rows if row[0] == names["frequency_hz"]) - 1
     values = {row[0]: _read_cells(row, number, n_modes, delimiter) for number, row in rows}
     sensors = [row[0] for _, row in rows if row[0] not in names.values()]
-    for sensor in sensors:
-        if sensors.count(sensor) > 1:
-            raise InputError(f"{sensors.count(sensor)} rows are called {sensor!r}: rename them")
+    for sensor, n in count_repeats(sensors).items():
+        raise InputError(f"{n} rows are called {sensor!r}: rename them")
     if not sensors:
         raise InputError("it has no row of a sensor: give one row of shape values for each sensor")
     if n_modes < 1:

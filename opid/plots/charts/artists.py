@@ -50,7 +50,7 @@ from opid.plots.charts.looks import (
     is_clear,
     join_lines,
 )
-from opid.plots.style import read_text, shorten
+from opid.plots.style import find_written_text, shorten
 
 # no text of a chart is smaller
 _LEAST_FONT_PX = 10.0
@@ -118,7 +118,7 @@ class Panel:
         """Return the label of an axis; that of a panel with the same axis where only the lowest panel has one."""
         ax = self.ax
         shared = ax.get_shared_x_axes() if letter == "x" else ax.get_shared_y_axes()
-        labels = (read_text(getattr(each, f"{letter}axis").label) for each in (ax, *shared.get_siblings(ax)))
+        labels = (find_written_text(getattr(each, f"{letter}axis").label) for each in (ax, *shared.get_siblings(ax)))
         return next(filter(None, labels), "")
 
     def is_in_data(self, transform: Transform) -> bool:
@@ -359,7 +359,7 @@ def _describe_colorbar(panel: Panel, artist: Any, limits: np.ndarray) -> Json:
     if bar is None:
         return {"showscale": False}
     (left, right), (low, high) = panel.domain
-    label = read_text(bar.ax.yaxis.label) or read_text(bar.ax.xaxis.label)
+    label = find_written_text(bar.ax.yaxis.label) or find_written_text(bar.ax.xaxis.label)
     title = {"text": format_html(label), "font": {"size": 13}}
     look: Json = {"thickness": 12, "outlinewidth": 0}
     if bar.orientation == "horizontal":
@@ -406,7 +406,7 @@ def _add_text(panel: Panel, text: Any) -> None:
             "x": float(at[0]),
             "y": float(at[1]),
             **refs,
-            "text": format_bold(format_html(read_text(text)), text),
+            "text": format_bold(format_html(find_written_text(text)), text),
             "showarrow": False,
             "keep": panel.has_colored_cells,
             "xshift": shift[0] * PX_PER_PT,

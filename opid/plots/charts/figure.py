@@ -16,7 +16,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from opid.plots.charts.artists import Panel, add_artist
 from opid.plots.charts.looks import Json, describe_handle, format_bold, format_color, format_html
 from opid.plots.charts.surfaces import add_surfaces
-from opid.plots.style import NamedTicks, read_text
+from opid.plots.style import NamedTicks, find_written_text
 
 Domain = tuple[list[float], list[float]]
 """From where to where a panel reaches, as fractions of the width and of the height."""
@@ -98,7 +98,7 @@ def _describe_axis(panel: Panel, letter: str, domain: list[float], panels: Seque
         "anchor": panel.y if letter == "x" else panel.x,
         "type": "log" if is_log else "linear",
         "range": (np.log10(ends) if is_log else ends).tolist(),
-        "title": {"text": format_html(read_text(axis.label))},
+        "title": {"text": format_html(find_written_text(axis.label))},
         "label": format_html(panel.find_label(letter)),
         "showgrid": bool(ticks.get("gridOn", True)),
     }
@@ -149,7 +149,7 @@ def _add_title(panel: Panel) -> None:
     ax, (across, up) = panel.ax, (f"{panel.x} domain", f"{panel.y} domain")
     all_titles: Any = ax
     titles = (all_titles._left_title, all_titles.title, all_titles._right_title)
-    title = next(filter(None, map(read_text, titles)), "")
+    title = next(filter(None, map(find_written_text, titles)), "")
     if not title:
         return
     # a text that stands on the upper edge of the panel has the title above it
@@ -170,7 +170,7 @@ def _add_legend(chart: Json, legend: Legend | None) -> None:
     """The entries of a legend; one text has one entry, whatever the colours of its lines in several panels."""
     known = {entry["text"]: entry["looks"] for entry in chart["legend"]}
     for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True) if legend else ():
-        words, look = read_text(text), describe_handle(handle)
+        words, look = find_written_text(text), describe_handle(handle)
         if words not in known:
             known[words] = []
             chart["legend"].append({"text": words, "looks": known[words]})

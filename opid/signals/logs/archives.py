@@ -12,7 +12,6 @@ import os
 import struct
 import zipfile
 import zlib
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from tokenize import TokenError
@@ -21,7 +20,7 @@ from typing import IO, Any
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from opid.errors import InputError
+from opid.errors import InputError, count_repeats
 
 MEMORY_FRACTION = 0.25
 """Fraction of the memory of the machine that the arrays of an archive may take: an answer needs copies of them."""
@@ -40,15 +39,16 @@ class Archive:
     """The content of a NumPy archive.
 
     Args:
-        arrays: the arrays by their names.
+        arrays: those that were read, by their names: numbers, text, and also times and records, which
+            `require_plain_arrays` refuses.
         pickled: names of those that hold Python objects and were not read.
     """
 
     arrays: dict[str, NDArray[Any]]
     pickled: tuple[str, ...]
 
-    def require_no_pickles(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays.
+    def require_plain_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays, all of which hold numbers or text.
 
         Raises:
             InputError: some hold Python objects, or neither numbers nor text, like times and records.
@@ -58,11 +58,11 @@ class Archive:
                 f"{', '.join(map(repr, self.pickled))} of it holds Python objects, which are never read: give arrays "
                 "of numbers, and names as text, np.array(names, dtype=str)"
             )
-        fielded = [name for name, array in self.arrays.items() if array.dtype.kind not in "biufcSU"]
-        if fielded:
-            kind = self.arrays[fielded[0]].dtype
+        others = [name for name, array in self.arrays.items() if array.dtype.kind not in "biufcSU"]
+        if others:
+            kind = self.arrays[others[0]].dtype
             raise InputError(
-                f"{', '.join(map(repr, fielded))} of it holds neither numbers nor text ({kind}): give arrays of numbers"
+                f"{', '.join(map(repr, others))} of it holds neither numbers nor text ({kind}): give arrays of numbers"
             )
         return self.arrays
 
@@ -116,7 +116,7 @@ def read_array(path: Path) -> NDArray[Any]:
             n_bytes, is_pickled = _read_header(file, path.name, path.stat().st_size)
             if is_pickled:
                 raise InputError("it holds Python objects, which are never read: give an array of numbers")
-            _require_memory(n_bytes)
+            require_memory(n_bytes)
             file.seek(0)
             return npy.read_array(file, allow_pickle=False)
     except _OF_HEADERS as error:
@@ -138,10 +138,9 @@ class _Member:
 
 def _read_members(archive: zipfile.ZipFile) -> Archive:
     members = [_read_member(archive, info) for info in archive.infolist() if not info.is_dir()]
-    for name, n in Counter(member.name for member in members).items():
-        if n > 1:
-            raise InputError(f"it has {n} arrays of the name {name!r}: write each once")
-    _require_memory(sum(member.n_bytes for member in members if not member.is_pickled))
+    for name, n in count_repeats(member.name for member in members).items():
+        raise InputError(f"it has {n} arrays of the name {name!r}: write each once")
+    require_memory(sum(member.n_bytes for member in members if not member.is_pickled))
     arrays = {}
     for member in members:
         if not member.is_pickled:
@@ -182,8 +181,15 @@ def _read_header(file: IO[bytes], name: str, file_size: int) -> tuple[int, bool]
     return n_bytes, bool(dtype.hasobject)
 
 
-def _require_memory(needed: int) -> None:
-    """Raise an InputError if arrays of so many bytes are too large for the machine."""
+def require_memory(needed: int) -> None:
+    """Refuse arrays that are too large for the machine, before they are allocated.
+
+    Args:
+        needed: bytes that they take.
+
+    Raises:
+        InputError: they take more than a `MEMORY_FRACTION` of its memory.
+    """
     try:
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):

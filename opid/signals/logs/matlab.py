@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import InputError, count_repeats
 from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.hdf5 import SIGNATURE, members, open_file
@@ -62,9 +62,8 @@ def _read_variables(path: Path) -> dict[str, Any]:
 
     listed = whosmat(path, appendmat=False)
     names = [name for name, _, kind in listed if kind in _READ]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"{path} holds {names.count(twice)} variables called {twice!r}: save it again in MATLAB")
+    for name, n in count_repeats(names).items():
+        raise InputError(f"{path} holds {n} variables called {name!r}: save it again in MATLAB")
     found = loadmat(path, appendmat=False, variable_names=names, simplify_cells=True)
     missing = [name for name in names if name not in found]
     if missing:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import InputError, count_repeats, nearest
 from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Track, rows_at_once, rows_from_start
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
@@ -82,9 +82,8 @@ def _open(path: Path) -> Any:
 
 
 def _require_distinct(path: Path, names: Sequence[str]) -> None:
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"{path} has {names.count(twice)} columns {twice!r}: rename all but one")
+    for name, n in count_repeats(names).items():
+        raise InputError(f"{path} has {n} columns {name!r}: rename all but one")
 
 
 # ---- columns -------------------------------------------------------------------------------------

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import InputError, nearest, refuse
 from opid.mechanics.laws.law import default_law
 from opid.signals.recording import FloatArray
 from opid.suspensions.candidates import Arrays, prepare_alone, prepare_rigid
@@ -173,7 +173,7 @@ def restore_model(fit: StoredFit, study: Study, arrays: Arrays, settings: Settin
         InputError: a result of other interfaces or of the mean of several, an unknown law, or a record that is too
             short.
     """
-    _require_sizes(fit)
+    _require_sound_fit(fit)
     unknown = [name for name in fit.interfaces if name not in study.names]
     if unknown or (fit.kind == "rigid_body" and fit.interfaces != study.names):
         raise InputError(
@@ -235,38 +235,48 @@ def restore_model(fit: StoredFit, study: Study, arrays: Arrays, settings: Settin
     return KnownModel(model, np.concatenate([vector[: len(shared)], np.zeros(own.size)]), known_before, False)
 
 
-def _require_sizes(fit: StoredFit) -> None:
-    """Refuse a fit whose lists do not belong together, as where a part of the file is lost."""
+def _require_sound_fit(fit: StoredFit) -> None:
+    """Refuse a fit that no identification leaves: what a file says may be lost in part, or edited."""
     n, n_interfaces = len(fit.vector), len(fit.interfaces)
     rows = [len(row) for row in fit.covariance]
     sides = [len(side) for side in fit.noise_m_per_s2]
     rms = [len(row) for row in fit.motion_rms]
-    variances = [row[k] for k, row in enumerate(fit.covariance) if k < len(row)]
     if rows != [n] * n or rms != [2] * n_interfaces or not n or not fit.runs or len(fit.names) > n or 0 in sides:
         raise InputError(
             f"the fit in the result has {n} values, a covariance of {len(rows)} rows, and the motion of {len(rms)} of "
             f"{n_interfaces} interfaces, which do not belong together: identify the study again"
         )
-    members = [k for group in fit.groups for k in group.members]
-    covariance, std = np.array(fit.covariance), np.sqrt(np.maximum(variances, np.finfo(float).tiny))
+    refuse([f"the fit in the result {fault}: identify the study again" for fault in _find_faults(fit)], None)
+
+
+def _find_faults(fit: StoredFit) -> Iterator[str]:
+    """Yield what is wrong with a fit whose lists belong together."""
+    if not _is_covariance(np.array(fit.covariance)):
+        yield "has a covariance that is none"
+    if fit.is_mass_fitted and "inverse_mass" not in fit.names:
+        yield f"names no 'inverse_mass' among its values ({nearest('inverse_mass', fit.names)})"
+    for name, value in zip(fit.names, fit.vector, strict=False):
+        if name == "inverse_mass" and not value > 0.0:
+            yield f"has the inverse mass {value:g} 1/kg, which is not positive"
+    for what, number in (("held inverse mass", fit.held_inverse_mass), ("repeatability", fit.repeatability)):
+        if number < 0.0:
+            yield f"has the {what} {number:g}, which is negative"
+    for what, table in (("noise", fit.noise_m_per_s2), ("motion", fit.motion_rms)):
+        if not all(each > 0.0 for row in table for each in row):
+            yield f"has a {what} that is not positive"
+    if not fit.rate_hz > 0.0:
+        yield f"has the rate {fit.rate_hz:g} Hz, which is not positive"
+    if sorted(k for group in fit.groups for k in group.members) != [*range(len(fit.interfaces))]:
+        yield "has groups of other interfaces than its own"
+
+
+def _is_covariance(covariance: FloatArray) -> bool:
+    """Return whether a matrix is symmetric and has no negative eigenvalue, but for rounding."""
+    variances = np.diag(covariance)
+    std = np.sqrt(np.maximum(variances, np.finfo(float).tiny))
     correlation = covariance / np.outer(std, std)
-    is_covariance = (
-        np.allclose(correlation, correlation.T, atol=1e-6) and np.linalg.eigvalsh(correlation)[0] > -1e-6 * n
-    )
-    inverse_mass = dict(zip(fit.names, fit.vector, strict=False)).get("inverse_mass", 1.0)
-    is_negative = min(variances) < 0.0 or min(fit.held_inverse_mass, fit.repeatability) < 0.0 or not inverse_mass > 0.0
-    is_flat = not all(each > 0.0 for row in (*fit.noise_m_per_s2, *fit.motion_rms) for each in row)
-    if (
-        not is_covariance
-        or is_negative
-        or is_flat
-        or not fit.rate_hz > 0.0
-        or sorted(members) != [*range(n_interfaces)]
-    ):
-        raise InputError(
-            "the fit in the result has a covariance that is none, a noise, motion, mass or rate that is not positive, "
-            "or groups of other interfaces: identify the study again"
-        )
+    is_symmetric = np.allclose(correlation, correlation.T, atol=1e-6)
+    return bool(variances.min() >= 0.0 and is_symmetric and np.linalg.eigvalsh(correlation)[0] > -1e-6 * len(std))
 
 
 def _list_names(names: Sequence[str]) -> str:

@@ -5,7 +5,6 @@ It is made of sparse matrices with names, or of what scikit-fem assembled.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from opid.errors import InputError, nearest, refuse
+from opid.errors import InputError, count_repeats, nearest, refuse
 from opid.signals.recording import FloatArray, has_usual_size
 
 Point = tuple[float | Sequence[float], str]
@@ -277,7 +276,7 @@ def name_faults(
     """
     known = dict.fromkeys(dofs)
     if len(known) < len(dofs):
-        twice = next(name for name, n in Counter(dofs).items() if n > 1)
+        twice = next(iter(count_repeats(dofs)))
         yield f"two degrees of freedom are called {twice!r}: give each a name of its own"
     if not sensors:
         yield "no sensor is named: name the degrees of freedom that are measured"

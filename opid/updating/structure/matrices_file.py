@@ -5,9 +5,7 @@ The files are npz, Matrix Market, MATLAB or Harwell-Boeing.
 
 from __future__ import annotations
 
-import csv
 import os
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,9 +13,10 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from opid.errors import InputError, nearest, refuse
-from opid.signals.files import read_text, write_whole
-from opid.signals.logs.archives import read_archive, read_array
+from opid.errors import InputError, count_repeats, list_names, nearest, refuse
+from opid.provenance import read_content
+from opid.signals.files import read_table, read_text, write_whole
+from opid.signals.logs.archives import read_archive, read_array, require_memory
 from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults, structure_faults
 
 Source = str | os.PathLike[str]
@@ -29,6 +28,15 @@ _MOST_ENDS = 8  # cells of a row of joints, which has two or three
 _MOST_NAMES = 1_000_000  # more than a structure of matrices that are solved here has
 NAMES = ("dofs", "sensors", "joints")  # arrays that a file may hold beside matrices
 PIECES = ("data", "indices", "indptr")  # arrays of a sparse matrix in npz, by rows as in scipy
+_SPARSE = {
+    "csr": (sparse.csr_matrix, PIECES),
+    "csc": (sparse.csc_matrix, PIECES),
+    "bsr": (sparse.bsr_matrix, PIECES),
+    "coo": (sparse.coo_matrix, ("data", "row", "col")),
+    "dia": (sparse.dia_matrix, ("data", "offsets")),
+}
+_BYTES = 8  # of a number
+_HB_WIDTH, _HB_COUNTS = 14, (14, 28, 42)  # rows, columns and entries in the third line of a Harwell-Boeing file
 
 
 def read_structure(
@@ -61,7 +69,8 @@ def read_structure(
             positive or of the wrong size; sensors or joints that are not degrees of freedom; an unknown parameter.
     """
     structure, faults = checked_structure(matrices, sensors=sensors, joints=joints, dofs=dofs, parameters=parameters)
-    where = "the matrices" if isinstance(matrices, Mapping) else str(matrices)
+    several = list_names(dict.fromkeys(map(str, matrices.values()))) if isinstance(matrices, Mapping) else ""
+    where = f"the matrices {several}" if several else str(matrices)
     # Clauses on a file as a whole name the file themselves.
     refuse(faults, None if any(where in fault for fault in faults) else Path(where))
     assert structure is not None  # otherwise it would have been refused
@@ -114,7 +123,8 @@ def checked_structure(
         label = f"stiffness part {name.removeprefix(PART)!r}" if name.startswith(PART) else name
         faults += matrix_faults(label, matrix, names if names and len(names) == size else _number_dofs(size))
     if names:
-        faults += name_faults(names, names[:1] if seen is None else seen, ends or {})
+        wrong = name_faults(names, names[:1] if seen is None else seen, ends or {})
+        faults += [f"with the names of {dofs}, {fault}" for fault in wrong] if _is_file(dofs) else wrong
     if faults:
         return None, faults
     chosen = {name: parts[name] for name in (parts if parameters is None else parameters)}
@@ -161,10 +171,8 @@ def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]
 
 
 def _read_matrix_file(path: Path) -> Any:
-    from scipy.io import mmread
-
     readers = {
-        **dict.fromkeys(MARKET, mmread),
+        **dict.fromkeys(MARKET, _read_market),
         **dict.fromkeys(BOEING, _read_harwell_boeing),
         ".npz": _read_sparse_npz,
         ".npy": read_array,
@@ -195,13 +203,15 @@ def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
         raise InputError(f"{path} is a MATLAB file of version 7.3: save it with '-v7'") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zlib.error, IndexError) as error:
+    except MemoryError:
+        raise InputError(f"{path} needs more memory than there is: reduce the structure") from None
+    except (OSError, ValueError, TypeError, KeyError, EOFError, OverflowError, zlib.error, IndexError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path} cannot be read ({reason}): export it again") from None
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
-    return read_archive(path).require_no_pickles()
+    return read_archive(path).require_plain_arrays()
 
 
 def _read_sparse_npz(path: Path) -> Any:
@@ -209,18 +219,34 @@ def _read_sparse_npz(path: Path) -> Any:
     arrays = _read_npz(path)
     kind = arrays["format"].item() if "format" in arrays else b""
     kind = kind.decode() if isinstance(kind, bytes) else kind
-    compressed = {"csr": sparse.csr_matrix, "csc": sparse.csc_matrix, "bsr": sparse.bsr_matrix}
+    if kind not in _SPARSE:
+        raise InputError("it holds no sparse matrix: write it with scipy.sparse.save_npz")
+    names = _SPARSE[kind][1]
+    missing = [name for name in (*names, "shape") if name not in arrays]
+    if missing or arrays["shape"].dtype.kind not in "iu" or arrays["shape"].shape != (2,):
+        lacking = f"it lacks {missing[0]}" if missing else "its shape is not two whole numbers"
+        raise InputError(f"{lacking}: write it with scipy.sparse.save_npz")
     shape = tuple(arrays["shape"].tolist())
-    if kind in compressed:
-        try:
-            return _make_sparse(compressed[kind], tuple(arrays[piece] for piece in PIECES), shape)
-        except InputError as error:
-            raise InputError(f"it cannot be read, its arrays {error}") from None
-    if kind == "coo":
-        return sparse.coo_matrix((arrays["data"], (arrays["row"], arrays["col"])), shape=shape)
-    if kind == "dia":
-        return sparse.dia_matrix((arrays["data"], arrays["offsets"]), shape=shape)
-    raise InputError("it holds no sparse matrix: write it with scipy.sparse.save_npz")
+    _require_room(shape[0], shape[1], arrays["data"].size)
+    try:
+        return _make_sparse(kind, {name: arrays[name] for name in names}, shape)
+    except InputError as error:
+        raise InputError(f"it cannot be read, its arrays {error}") from None
+
+
+def _read_market(path: Path) -> Any:
+    """Return the matrix of a Matrix Market file, whose header must fit into the memory."""
+    from scipy.io import mminfo, mmread
+
+    n_rows, n_columns, n_entries, kind, *_ = mminfo(path)
+    # The number of entries of a full matrix is a product, which wraps around in 64 bits.
+    _require_room(n_rows, n_columns, n_rows * n_columns if kind == "array" else n_entries)
+    return mmread(path)
+
+
+def _require_room(n_rows: int, n_columns: int, n_entries: int) -> None:
+    """Refuse a matrix that does not fit into the memory: three numbers an entry, and a pointer for each row."""
+    require_memory(_BYTES * (3 * n_entries + max(n_rows, n_columns) + 1))
 
 
 def _read_harwell_boeing(path: Path) -> Any:
@@ -229,8 +255,9 @@ def _read_harwell_boeing(path: Path) -> Any:
 
     from scipy.io import hb_read
 
-    lines = path.read_text(encoding="latin-1").splitlines()
+    lines = read_content(path).decode("latin-1").splitlines()
     kind = lines[2][:3].upper()
+    _require_room(*(int(lines[2][start : start + _HB_WIDTH]) for start in _HB_COUNTS))
     # scipy reads matrices that are not symmetric, and exponents with an E.
     if kind == "RSA":
         lines[2] = f"RUA{lines[2][3:]}"
@@ -255,29 +282,30 @@ def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
         missing = [piece for piece in PIECES if f"{name}_{piece}" not in arrays]
         if missing:
             raise InputError(f"{path}: the sparse matrix {name!r} lacks {name}_{missing[0]}: store all of {PIECES}")
-        data, indices, indptr = (np.ravel(found.pop(f"{name}_{piece}")) for piece in PIECES)
+        pieces = {piece: np.ravel(found.pop(f"{name}_{piece}")) for piece in PIECES}
         try:
-            matrix = _make_sparse(sparse.csr_matrix, (data, indices, indptr), (len(indptr) - 1,) * 2)
+            matrix = _make_sparse("csr", pieces, (len(pieces["indptr"]) - 1,) * 2)
         except InputError as error:
             raise InputError(f"{path}: the arrays of {name!r} {error}") from None
         found[name] = matrix
     return found
 
 
-def _make_sparse(kind: Callable[..., Any], pieces: tuple[Any, ...], shape: tuple[int, ...]) -> Any:
-    """Return the sparse matrix of three arrays, whose pointers must be whole numbers inside it."""
-    data, *pointers = pieces
-    if pointers[-1].ndim != 1 or (np.diff(pointers[-1]) < 0).any():
+def _make_sparse(kind: str, pieces: Mapping[str, Any], shape: tuple[int, int]) -> Any:
+    """Return the sparse matrix of arrays by their names, whose pointers must be whole numbers inside it."""
+    data, *pointers = pieces.values()
+    if "indptr" in pieces and (pieces["indptr"].ndim != 1 or (np.diff(pieces["indptr"]) < 0).any()):
         # scipy does not check pointers that end below zero
         raise InputError("do not make a sparse matrix (indptr falls): store it again")
     if data.dtype.kind not in "iuf" or any(each.dtype.kind not in "iu" for each in pointers) or min(shape) < 1:
-        kinds = ", ".join(f"{name} {each.dtype}" for name, each in zip(PIECES, pieces, strict=True))
+        kinds = ", ".join(f"{name} {each.dtype}" for name, each in pieces.items())
         raise InputError(
             f"do not make a sparse matrix of the shape {shape} ({kinds}): store numbers, and whole numbers as pointers"
         )
     try:
-        matrix = kind(pieces, shape=shape)
-        matrix.check_format(full_check=True)
+        matrix = _SPARSE[kind][0]((data, tuple(pointers)) if kind == "coo" else (data, *pointers), shape=shape)
+        if "indptr" in pieces:
+            matrix.check_format(full_check=True)
     except (ValueError, TypeError, OverflowError, IndexError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"do not make a sparse matrix ({reason}): store it again") from None
@@ -317,7 +345,7 @@ def _read_dof_names(given: Any, n_dof: int | None) -> tuple[str, ...]:
     """Return the names of the degrees of freedom from a list or a file, or their numbers."""
     if given is None:
         return _number_dofs(n_dof or 0)
-    of_file = isinstance(given, str | os.PathLike)
+    of_file = _is_file(given)
     names = _read_labels(Path(given), n_dof) if of_file else _to_texts("dofs", given)
     if n_dof is not None and len(names) != n_dof:
         raise InputError(
@@ -327,17 +355,21 @@ def _read_dof_names(given: Any, n_dof: int | None) -> tuple[str, ...]:
     return names
 
 
+def _is_file(given: object) -> bool:
+    return isinstance(given, str | os.PathLike)
+
+
 def _read_labels(path: Path, n_dof: int | None) -> tuple[str, ...]:
     """Return the labels of a text or CSV file; if it has one line too many, the first is a header."""
     if not path.is_file():
         raise InputError(f"there is no file {path}: check the name and the folder")
     try:
-        text = read_text(path)
+        if path.suffix.lower() != ".csv":
+            return tuple(line.strip() for line in read_text(path).splitlines() if line.strip())
+        table, _ = read_table(path, ",")
     except (OSError, InputError) as error:
         raise InputError(f"{path} cannot be read as text ({error}): save the labels as UTF-8") from None
-    if path.suffix.lower() != ".csv":
-        return tuple(line.strip() for line in text.splitlines() if line.strip())
-    rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(map(str.strip, row))]
+    rows = [row for row in table if any(row)]
     header = [cell.lower() for cell in rows[0]] if rows else []
     column = header.index("dof") if "dof" in header else None
     if column is not None or (n_dof is not None and len(rows) == n_dof + 1):
@@ -371,7 +403,6 @@ def _read_joint_ends(given: Any) -> dict[str, tuple[str, ...]]:
         if np.ndim(given) > 2 or width > _MOST_ENDS:
             raise InputError(f"joints has the shape {np.shape(given)}: give a row of name, end and other end for each")
         rows = [texts[start : start + width] for start in range(0, len(texts), width)]
-    for name, n in Counter(str(row[0]) for row in rows).items():
-        if n > 1:
-            raise InputError(f"two joints are called {name!r}: give each a name of its own")
+    for name in count_repeats(str(row[0]) for row in rows):
+        raise InputError(f"two joints are called {name!r}: give each a name of its own")
     return {str(name): tuple(str(end) for end in ends if end != "") for name, *ends in rows}
