@@ -4,11 +4,11 @@ Run `python benchmarks/spoiled_inputs.py --cases 8000 --jobs 2`: about an hour o
 --seed S` repeats a case and shows what it said; `--sentences FILE` writes a refusal of each kind, to be read. Needs
 Linux.
 
-For each command there is a folder of small sound files (`tests/small_folders.py`). A case spoils one of them (`tests/spoilers.py`), or puts
-something else in its place, or gives an option of the command an absurd value, and runs the command in a process that
-is forked from this one, where all code is loaded and compiled. What is right: status 0 or 3, status 1 (the data do
-not determine the answer), or status 2 with one sentence on one line that begins with "Error:" and names the file or
-the option.
+For each command there is a folder of small sound files (`tests/small_folders.py`). A case spoils one of them
+(`tests/spoilers.py`), or puts something else in its place, or gives an option of the command an absurd value, and runs
+the command in a process that is forked from this one, where all code is loaded and compiled. What is right: status 0 or
+3, status 1 (the data do not determine the answer), or status 2 with one sentence on one line that begins with "Error:"
+and names the file or the option.
 What is wrong: an exception, a process that dies, no end after 60 s of the processor or 300 s of waiting, a sentence
 that names neither file nor option or that no terminal can show, a warning of Python on stderr, words printed past the
 command, and a result after status 2.
