@@ -12,10 +12,9 @@ MADE = {
     "taxi": ("simulate", "taxi", "made", *SHORT),
     "wing": ("simulate", "backbones", "made", "--points", "5", "--curves", "2", "1"),
     "resonance": ("simulate", "resonance", "made", "--levels", "3"),
-    "sine-beats": ("simulate", "sine-beats", "made"),
 }
 LAW = ("--law", "arctan_velocity", "--no-figures")
-PLAN = ("--target", "sprung_mass=50%", "--law", "linear", "--mass-change", "-200", "--duration", "20")
+PLAN = ("--target", "sprung_mass=50%", "--law", "arctan_velocity", "--mass-change", "-200", "--duration", "20")
 # the command, and the folder of `small_folders` that it runs in
 COMMANDS = {
     "inspect": ("taxi", "inspect", "taxi/heavy.csv", "taxi/light.csv"),
@@ -41,7 +40,7 @@ def run(words, folder, threads):
     done = subprocess.run(
         [sys.executable, "-m", "opid", *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
     )
-    assert done.returncode in (0, 3), done.stderr
+    assert done.returncode in (0, 1, 3), done.stderr  # 1: what is not determined has a result, too
 
 
 def take_files(folder):
