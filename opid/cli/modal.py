@@ -415,8 +415,9 @@ def _filter_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
     from opid.modal.forced.mode_tests import find_largest_mode
     from opid.studies.modal_study import read_decays
 
-    tests, stated = read_decays(Path(settings["study"]), logs, say)
-    known = stated if settings["gain_tolerance"] is None else settings["gain_tolerance"]
+    read = read_decays(Path(settings["study"]), logs, say)
+    tests = read.tests
+    known = read.gain_tolerance if settings["gain_tolerance"] is None else settings["gain_tolerance"]
     elastic = [number + 1 for number, is_elastic in enumerate(tests[0].modes.elastic) if is_elastic]
     mode = find_largest_mode(tests[0], elastic) if settings["mode"] is None else settings["mode"]
     options = {name: settings[name] for name in ("stiffness_order", "damping_order", "memory")}
