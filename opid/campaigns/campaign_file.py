@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from opid.errors import InputError, nearest, refuse
+from opid.json_values import LARGEST
 from opid.signals.files import nearest_beside, read_text
 from opid.studies.schema import Document, load, read_tables, require_plain
 from opid.studies.study_file import SUSPENSIONS, kind_of
@@ -24,9 +25,6 @@ Cell = str | int | float | date
 
 NAME, TAIL, DATE, STUDY = "flight", "tail", "date", "study"
 """Columns of the table of flights that have a meaning of their own."""
-
-_LARGEST = 1e100
-"""Numbers beyond it are slips, and their squares would overflow."""
 
 _MOST_FAULTS = 6
 
@@ -206,8 +204,8 @@ def _find_number(cell: Cell) -> int | float | None:
         with suppress(ValueError):
             number = kind(cell)
             break
-    if number is not None and not abs(number) < _LARGEST:
-        raise InputError(f"has the number {str(cell)[:40]}: give a finite one, below {_LARGEST:g}")
+    if number is not None and not abs(number) < LARGEST:
+        raise InputError(f"has the number {str(cell)[:40]}: give a finite one, below {LARGEST:g}")
     return number
 
 

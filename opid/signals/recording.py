@@ -18,7 +18,7 @@ LEAST_SIZE, LARGEST_SIZE = 1e-50, 1e50
 """Sizes between which SI values of all that can be measured lie, and whose sixth powers a computer still knows."""
 
 LARGEST_RATE_HZ = 1e12
-"""Sampling rate of no recorder."""
+"""Sampling rate of no recorder: beyond it, and below its inverse, the numbers of samples and times overflow."""
 
 
 @dataclass(frozen=True)
