@@ -81,16 +81,30 @@ def make_environment(folder: Path, python: str, *requirements: str, constraints:
     return own
 
 
-def test(own: Path, tests: list[str]) -> None:
-    chosen = [ROOT / "tests" / each for each in tests or TESTS if (ROOT / "tests" / each).exists()]
+def choose_tests(tests: list[str]) -> list[Path]:
+    """Return the files of tests by their names, or end where one is not there: a test that was renamed is missed."""
+    chosen = [ROOT / "tests" / each for each in tests or TESTS]
+    missing = [each.name for each in chosen if not each.exists()]
+    if missing:
+        sys.exit(f"Error: there is no test {', '.join(missing)} in {ROOT / 'tests'}: correct --tests or TESTS")
+    return chosen
+
+
+def test(own: Path, chosen: list[Path]) -> None:
     # a package of that time may warn of what its own successors will change
     run(own, "-m", "pytest", "-q", "-W", "default", "-p", "no:cacheprovider", *chosen, cwd=ROOT)
 
 
 def audit(tool: Path, where: str) -> None:
-    """Print what is known against the packages in a folder; a package of which nothing can be asked is a failure."""
-    found = subprocess.run([tool, "--path", where, "--format", "json"], capture_output=True, text=True)
-    packages = [each for each in json.loads(found.stdout)["dependencies"] if each["name"] != "opid"]
+    """Print what is known against the packages in a folder; a package of which nothing can be asked is a failure.
+
+    pip-audit tells on stderr what it cannot do.
+    """
+    found = subprocess.run([tool, "--path", where, "--format", "json"], stdout=subprocess.PIPE, text=True)
+    try:
+        packages = [each for each in json.loads(found.stdout)["dependencies"] if each["name"] != "opid"]
+    except (json.JSONDecodeError, KeyError):
+        sys.exit(f"Error: pip-audit ended with status {found.returncode} and no list of packages: it needs the network")
     skipped = [each["name"] for each in packages if "skip_reason" in each]
     known = [(each["name"], each["version"], vuln) for each in packages for vuln in each.get("vulns", ())]
     for name, version, vuln in known:
@@ -112,18 +126,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("sbom.cdx.json"))
     parser.add_argument("--environment", type=Path, help="where the environment is made; by default it goes afterwards")
     options = parser.parse_args()
-    project = read_project()
+    project, tests = read_project(), choose_tests(options.tests)
     with tempfile.TemporaryDirectory() as directory:
         folder = options.environment or Path(directory, "environment")
         if options.what == "lowest":
             constraints = "\n".join(list_lowest(project))
             own = make_environment(folder, options.python, f"{ROOT}[all,campaign]", constraints=constraints)
             tools = ["psutil", "pytest", "hypothesis", "jsonschema", "lvm_read"]
-            (folder / "constraints.txt").write_text(constraints)
             run(own, "-m", "pip", "install", "-q", "-c", folder / "constraints.txt", *tools)
-            test(own, options.tests)
+            test(own, tests)
         elif options.what == "newest":
-            test(make_environment(folder, options.python, f"{ROOT}[test]"), options.tests)
+            test(make_environment(folder, options.python, f"{ROOT}[test]"), tests)
         elif options.what == "audit":
             own = make_environment(folder, options.python, f"{ROOT}[all,campaign,nuts]")
             tools = make_environment(Path(directory, "tools"), options.python, "pip-audit").with_name("pip-audit")

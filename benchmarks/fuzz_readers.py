@@ -1,14 +1,14 @@
 """Search for bytes that a reader neither reads nor refuses.
 
 Run `python benchmarks/fuzz_readers.py --format csv --seconds 60` for logs, `--reader "modes npz"` for a file beside a
-study. It needs atheris (`pip install atheris`).
+study. It needs atheris (`pip install 'opid[fuzz]'`).
 
 Coverage-guided (atheris, libFuzzer) over opid's own code in this process: what libraries read is read in another, and
 changed blindly. It begins with the small sound log of the format in `tests/small_logs.py`, or with the sound file of
-the reader in `tests/test_spoiled_inputs.py` and some that `tests/spoilers.py` spoils. What is wrong: any exception but
-`InputError`, a message that does not name the file, blocks of a wrong shape, more than 2 GiB of memory, or more than
-60 s. The bytes are then in the file `crash-...`, `timeout-...` or `oom-...` of the directory `--finds`, to become a
-case in `tests/test_logs_bad_input.py` or `tests/test_spoiled_inputs.py`.
+the reader in `tests/test_spoiled_inputs.py`, those of `tests/corpus` and some that `tests/spoilers.py` spoils. What is
+wrong: any exception but `InputError`, a message that does not name the file, blocks of a wrong shape, more than 2 GiB
+of memory, or more than 60 s. The bytes are then in the file `crash-...`, `timeout-...` or `oom-...` of the directory
+`--finds`, to become a case in `tests/test_logs_bad_input.py` or, below 4 kB, a file of `tests/corpus`.
 """
 
 import argparse
@@ -34,6 +34,7 @@ with atheris.instrument_imports(include=[*READ_BY, "opid.result", "opid.json_val
 
     formats()
 
+CORPUS = Path(__file__).parents[1] / "tests" / "corpus"
 N_SPOILED = 40
 """Spoiled files with which the search for a reader begins."""
 
@@ -85,6 +86,8 @@ def main():
             if wanted.reader:
                 rng, path = random.Random(wanted.seed), READERS[wanted.reader].make(Path(directory))
                 (corpus / "sound").write_bytes(path.read_bytes())
+                for found in (CORPUS / wanted.reader.replace(" ", "_")).iterdir():
+                    (corpus / found.name).write_bytes(found.read_bytes())
                 for number in range(N_SPOILED):
                     content, _ = spoil(path.read_bytes(), path.suffix, rng)
                     if len(content) < 2 * path.stat().st_size:

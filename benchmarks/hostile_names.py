@@ -38,7 +38,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from click.testing import CliRunner
 from harness import table_head, table_row
-from interrupted_runs import LAW, MADE_BY, SHORT, write_table
+from interrupted_runs import LAW, MADE_BY
+from small_folders import SHORT, write_bench, write_hit
 
 from opid import cli
 from opid.errors import escape_invisible
@@ -264,14 +265,9 @@ def make(name):
         (path / "fleet.toml").write_text(FLEET)
         (path / "flights.csv").write_text(FLIGHTS)
     elif name == "bench.csv":
-        t = np.arange(1500) / 200.0
-        z = sum(2e-3 * np.sin(2 * np.pi * f * t + f) for f in (0.7, 1.9, 3.1))
-        force = 1e5 * z + 2e3 * np.gradient(z, t) + np.random.default_rng(0).normal(0, 5, t.size)
-        write_table(path, "time [s],stroke [mm],load [kN]", t, 1e3 * z, 1e-3 * force)
+        write_bench(path)
     elif name == "hit.csv":
-        t = np.arange(8192) / 2048.0
-        a = np.exp(-1.5 * t) * np.cos(377.0 * t) + np.random.default_rng(0).normal(0, 1e-3, t.size)
-        write_table(path, "time [s],az [g]", t, np.where(t < 0.2, 0.0, a))
+        write_hit(path)
 
 
 def edit(path, old, new):

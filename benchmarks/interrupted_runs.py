@@ -26,9 +26,9 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from small_folders import SHORT, give_speeds, write_bench, write_hit
 
 from opid.errors import InputError
 from opid.signals.files import reserve_directory
@@ -36,7 +36,6 @@ from opid.signals.files import reserve_directory
 SIGNALS = {name: getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGKILL")}
 LATEST_S = 0.1  # after the beginning of the writing; the shortest time is a thousandth of it
 LONGEST_S = 500.0
-SHORT = ("--duration", "10", "--fs", "128")
 LAW = ("--law", "arctan_velocity")
 
 
@@ -163,24 +162,14 @@ def make(name, folder):
         run(MADE_BY[name], folder)
     elif name == "driven":
         shutil.copytree(folder / "taxi", path)
-        study = path / "study.toml"
-        study.write_text(study.read_text().replace("[[runs]]", "[[runs]]\nspeed_m_per_s = 12.0"))
+        give_speeds(path / "study.toml")
     elif name == "fleet":
         for number in (1, 2, 3):
             run(("simulate", "taxi", f"fleet/f{number}", *SHORT, "--seed", str(number)), folder)
     elif name == "bench.csv":
-        t = np.arange(1500) / 200.0
-        z = sum(2e-3 * np.sin(2 * np.pi * f * t + f) for f in (0.7, 1.9, 3.1))
-        force = 1e5 * z + 2e3 * np.gradient(z, t) + np.random.default_rng(0).normal(0, 5, t.size)
-        write_table(path, "time [s],stroke [mm],load [kN]", t, 1e3 * z, 1e-3 * force)
+        write_bench(path)
     elif name == "hit.csv":
-        t = np.arange(8192) / 2048.0
-        a = np.exp(-1.5 * t) * np.cos(377.0 * t) + np.random.default_rng(0).normal(0, 1e-3, t.size)
-        write_table(path, "time [s],az [g]", t, np.where(t < 0.2, 0.0, a))
-
-
-def write_table(path, head, *columns):
-    np.savetxt(path, np.stack(columns, axis=1), delimiter=",", header=head, comments="", fmt="%.9g")
+        write_hit(path)
 
 
 def read_files(folder):

@@ -4,11 +4,11 @@ Run `python benchmarks/spoiled_inputs.py --cases 8000 --jobs 2`: about an hour o
 --seed S` repeats a case and shows what it said; `--sentences FILE` writes a refusal of each kind, to be read. Needs
 Linux.
 
-For each command there is a folder of small sound files. A case spoils one of them (`tests/spoilers.py`), or puts
-something else in its place, or gives an option of the command an absurd value, and runs the command in a process that
-is forked from this one, where all code is loaded and compiled. What is right: status 0 or 3, status 1 (the data do
-not determine the answer), or status 2 with one sentence on one line that begins with "Error:" and names the file or
-the option.
+For each command there is a folder of small sound files (`tests/small_folders.py`). A case spoils one of them
+(`tests/spoilers.py`), or puts something else in its place, or gives an option of the command an absurd value, and runs
+the command in a process that is forked from this one, where all code is loaded and compiled. What is right: status 0 or
+3, status 1 (the data do not determine the answer), or status 2 with one sentence on one line that begins with "Error:"
+and names the file or the option.
 What is wrong: an exception, a process that dies, no end after 60 s of the processor or 300 s of waiting, a sentence
 that names neither file nor option or that no terminal can show, a warning of Python on stderr, words printed past the
 command, and a result after status 2.
@@ -37,9 +37,8 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import click
-import numpy as np
 from click.testing import CliRunner
-from interrupted_runs import write_table
+from small_folders import make_folders, run
 from small_logs import WRITERS
 from spoilers import NUMBERS, PLACES, TEXTS, spoil
 
@@ -50,7 +49,6 @@ LONGEST_S, LONGEST_WAIT_S = 60.0, 300.0
 MEMORY_BYTES = 6 << 30
 LONGEST_SENTENCE = 1500
 CHANCE_OF_OPTION, CHANCE_OF_PLACE, CHANCE_OF_FIGURES = 0.08, 0.08, 0.1
-SHORT = ("--duration", "10", "--fs", "128")
 PACKAGE = str(Path(cli.__file__).parents[1])
 RIGHT = ("answered", "not determined", "refused")
 
@@ -136,115 +134,6 @@ COMMANDS = {
     "plan": command(f"plan taxi/study.toml {PLAN}", "taxi", "taxi/study.toml", "taxi/heavy.csv"),
     "plan guess": command("plan guess.toml --target sprung_mass=50%", "taxi", "guess.toml", weight=4),
 }
-
-
-# ---- sound files -----------------------------------------------------------------------------------
-
-
-def run(words, folder):
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        done = CliRunner().invoke(cli.main, list(words), catch_exceptions=False)
-    finally:
-        os.chdir(before)
-    if done.exit_code not in (0, 1, 3):
-        raise RuntimeError(f"opid {' '.join(map(str, words))}: {done.output}")
-
-
-def make_all(top):
-    """Make the folder of each command."""
-    from made_chain import curve_of, small_chain
-    from made_fleet import write_fleet
-    from made_flights import body_result, write_result
-    from scipy import sparse
-    from scipy.io import mmwrite
-    from test_planning import FILE
-    from test_updating_study_file import STUDY
-
-    from opid.mechanics.laws.law import Law, Term
-    from opid.mechanics.truth import UpdatingTruth
-    from opid.modal.linear.modes_file import read_modes, write_modes
-    from opid.updating.measured import write_backbone
-    from opid.updating.structure.matrices_file import write_structure
-    from opid.virtual.truth_file import tabulate_truth
-
-    places = {each: top / each for each in sorted({each.folder for each in COMMANDS.values()})}
-    for place in places.values():
-        place.mkdir()
-    for name, (write, _) in WRITERS.items():
-        (places["logs"] / f"run{name}").write_bytes(write())
-    run(("simulate", "taxi", "taxi", *SHORT), places["taxi"])
-    (places["taxi"] / "guess.toml").write_text(FILE + "[sensors]\nfs_hz = 128.0\n")
-    run(("simulate", "aircraft", "plane", *SHORT), places["plane"])
-
-    bench, t = places["bench"], np.arange(1500) / 200.0
-    z = sum(2e-3 * np.sin(2 * np.pi * f * t + f) for f in (0.7, 1.9, 3.1))
-    force = 1e5 * z + 2e3 * np.gradient(z, t) + np.random.default_rng(0).normal(0, 5, t.size)
-    write_table(bench / "bench.csv", "time [s],stroke [mm],load [kN]", t, 1e3 * z, 1e-3 * force)
-    (bench / "bench.toml").write_text(
-        'title = "A damper"\n[bench]\nlog = "bench.csv"\nforce = "load"\ntravel = "stroke"\npiston_area_m2 = 0.004\n'
-        '[channels]\nstroke = { channel = "stroke", unit = "mm" }\n'
-    )
-    t = np.arange(4096) / 1024.0
-    a = np.exp(-1.5 * t) * np.cos(377.0 * t) + np.random.default_rng(0).normal(0, 1e-3, t.size)
-    write_table(bench / "hit.csv", "time [s],az [g]", t, np.where(t < 0.2, 0.0, a))
-
-    modal = places["modal"]
-    run(("simulate", "sine-beats", "made"), modal)
-    made = modal / "made"
-    for name, other in (("impact_1", "impact"), ("beat_3_level_1", "beat_1"), ("beat_3_level_3", "beat_2")):
-        (made / f"{name}.csv").rename(modal / f"{other}.csv")
-    for name in ("modes.npz", "truth.json"):
-        (made / name).rename(modal / name)
-    shutil.rmtree(made)
-    write_modes(read_modes(modal / "modes.npz"), modal / "modes.csv")
-    tests = "".join(
-        f'[[tests]]\nlog = "beat_{k}.csv"\nuse = "{use}"\nforce = "force"\nmode = 3\n'
-        for k, use in ((1, "fit"), (2, "fit"))
-    )
-    text = f'title = "A bolt"\n[modes]\nnonlinear = [3]\ndrive_point = "case_x"\nfile = "modes.npz"\n{tests}'
-    (modal / "study.toml").write_text(text)
-    (modal / "csv.toml").write_text(text.replace("modes.npz", "modes.csv"))
-    run(("simulate", "resonance", "made", "--levels", "4", "--curves", "2"), places["levels"])
-    for path in (places["levels"] / "made").iterdir():
-        path.rename(places["levels"] / path.name)
-    (places["levels"] / "made").rmdir()
-
-    chain = places["chain"]
-    write_structure(chain / "structure.npz", small_chain())
-    write_backbone(curve_of(), chain / "first.csv")
-    text = STUDY.replace("[structure]", "[structure]\ninternal_modes = 0") + "[noise]\ncov = { 1 = 0.01 }\n"
-    (chain / "study.toml").write_text(text)
-    sparse.save_npz(chain / "mass.npz", small_chain().mass)
-    mmwrite(chain / "part_E.mtx", sparse.coo_matrix(2 * small_chain().parts["E"]), symmetry="general")
-    (chain / "dofs.csv").write_text("dof,x\na,0\nb,1\nc,2\ntip,3\n")
-    (chain / "matrices.toml").write_text(
-        text.replace('"structure.npz"', '{ mass = "mass.npz", part_E = "part_E.mtx" }\ndofs = "dofs.csv"')
-    )
-    law = Law((Term("cubic_stiffness", (6.8e7,)),))
-    truth = UpdatingTruth({"E": 1.0}, {"end": law}, "a chain", {"seed": 1})
-    (chain / "truth.json").write_text(json.dumps(tabulate_truth(truth)))
-
-    flights = places["flights"]
-    shutil.copytree(places["taxi"] / "taxi", flights / "taxi")
-    shutil.copytree(places["taxi"] / "taxi", flights / "driven")
-    study = flights / "driven" / "study.toml"
-    study.write_text(study.read_text().replace("[[runs]]", "[[runs]]\nspeed_m_per_s = 12.0"))
-    run(("simulate", "taxi", "taxi_2", *SHORT, "--seed", "2"), flights)
-    for name, of in (("one", "taxi"), ("two", "taxi_2")):
-        run(("identify", f"{of}/study.toml", "--law", "arctan_velocity", "--no-figures", "--out", name), flights)
-        (flights / name / "report.html").unlink()
-    shutil.rmtree(flights / "taxi_2")
-    for k in (1, 2, 3):
-        write_result(flights / f"b{k}", body_result(np.random.default_rng(k), day=f"2026-03-0{k}"))
-
-    write_fleet(places["fleet"] / "fleet", n_pages=0)
-    campaign = places["campaign"]
-    shutil.copytree(places["taxi"] / "taxi", campaign / "f1")
-    (campaign / "fleet.toml").write_text('flights = "flights.csv"\n[identify]\nlaw = "linear"\n')
-    (campaign / "flights.csv").write_text("tail,flight,date,study,temperature_c\nA,f1,2026-01-12,f1/study.toml,-3\n")
-    return places
 
 
 # ---- one case --------------------------------------------------------------------------------------
@@ -463,7 +352,7 @@ def main():
         sound = options.keep or top / "sound"
         if not sound.exists():
             sound.mkdir()
-            make_all(sound)
+            make_folders(sound)
         places = {each.folder: sound / each.folder for each in COMMANDS.values()}
         cases = [(each.rpartition(":")[0], int(each.rpartition(":")[2])) for each in options.only]
         cases = cases or list_cases(options.cases, options.commands)

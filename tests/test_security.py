@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import sys
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
@@ -19,27 +20,38 @@ from opid.studies.schema import require_plain
 
 MODULES = sorted((ROOT / "opid").rglob("*.py"))
 
-# What executes something, or reads what can, and the files that may have it, each with its reason in docs/security.md.
-CALLS = {
+# What executes something, or reads what can, by its full name (a `*` stands for any letters), and the files that may
+# have it, each with its reason in docs/security.md.
+USES = {
     "exec": set(),
     "eval": set(),
     "compile": set(),
     "__import__": set(),
+    "__builtins__": set(),
     "os.system": set(),
     "os.popen": set(),
-    "os.fork": set(),
+    "os.fork*": set(),
+    "os.exec*": set(),
+    "os.spawn*": set(),
+    "os.posix_spawn*": set(),
+    "os.startfile": set(),
     "pickle.load": {"signals/logs/apart.py"},
     "pickle.loads": set(),
+    "pickle.Unpickler": set(),
     "pickle.dump": {"signals/logs/apart.py"},
     "marshal.loads": set(),
     "shelve.open": set(),
     "joblib.load": set(),
+    "read_pickle": set(),
     "yaml.load": set(),
     "subprocess.Popen": {"signals/logs/apart.py"},
     "subprocess.run": set(),
     "subprocess.call": set(),
-    "subprocess.check_call": set(),
-    "subprocess.check_output": set(),
+    "subprocess.check_*": set(),
+    "subprocess.get*output": set(),
+    "asyncio.create_subprocess_*": set(),
+    "subprocess_exec": set(),
+    "subprocess_shell": set(),
     "ctypes.CDLL": set(),
     "urlopen": set(),
     "socket.socket": set(),
@@ -48,6 +60,7 @@ CALLS = {
         *("signals/logs/__init__.py", "signals/logs/apart.py"),
     },
 }
+BUILT_IN = ("exec", "eval", "compile", "__import__", "__builtins__")
 IMPORTS = {
     "pickle": {"signals/logs/apart.py", "mechanics/kernels/compilation.py"},
     "subprocess": {"signals/logs/apart.py"},
@@ -58,6 +71,12 @@ IMPORTS = {
     "joblib": set(),
     "yaml": set(),
     "ctypes": set(),
+    "cffi": set(),
+    "code": set(),
+    "codeop": set(),
+    "runpy": set(),
+    "pty": set(),
+    "multiprocessing": set(),
     "socket": set(),
     "requests": set(),
     "urllib.request": set(),
@@ -66,48 +85,80 @@ IMPORTS = {
     "telnetlib": set(),
     "xml.sax": set(),
 }
+USUAL = {"np": "numpy", "pd": "pandas"}
+"""Short names that need no import to be understood."""
 
 
-def find_calls(tree):
-    """Yield every call by the end of its full name, so that `import pickle as p` is no way around: imports are held."""
+def list_imports(tree):
+    """Yield (name in the file, full name) of each import; `import os.path` gives `os` its name."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Call):
-            yield ast.unparse(node.func), node
+        if isinstance(node, ast.Import):
+            for each in node.names:
+                yield each.asname or each.name.split(".")[0], each.name if each.asname else each.name.split(".")[0]
+        elif isinstance(node, ast.ImportFrom):
+            for each in node.names:
+                yield each.asname or each.name, f"{'.' * node.level}{node.module or ''}.{each.name}"
 
 
-def is_call_of(called, name):
-    """Whether a call is that of a built-in or of a function of a module; `re.compile` is not `compile`."""
-    return called == name or (
-        "." not in name and name not in ("exec", "eval", "compile") and called.endswith(f".{name}")
-    )
+def resolve(text, names):
+    """Return the full name of a dotted one, by what its first part was imported as."""
+    first, dot, rest = text.partition(".")
+    return f"{names.get(first, first)}{dot}{rest}".removeprefix("builtins.")
+
+
+def is_named(full, pattern):
+    """Whether a full name is that of a built-in, or ends as that of a function of a module; `re.compile` is none."""
+    return fnmatchcase(full, pattern) or (pattern not in BUILT_IN and fnmatchcase(full, f"*.{pattern}"))
 
 
 def find_faults(sources):
-    """Return each call and each import that stands where it may not, from {path in opid: source}."""
+    """Return each use and each import that stands where it may not, from {path in opid: source}.
+
+    A name counts wherever it stands, called, handed on or imported.
+    """
     faults = []
     for path, source in sources.items():
         tree = ast.parse(source)
-        for called, node in find_calls(tree):
-            faults += [
-                f"{path}: {called}"
-                for name, allowed in CALLS.items()
-                if is_call_of(called, name) and path not in allowed
-            ]
-            stated = [ast.unparse(each.value) for each in node.keywords if each.arg == "allow_pickle"]
-            loads = called in ("np.load", "numpy.load", "npy.read_array", "format.read_array")
-            if stated not in ([], ["False"]) or (loads and not stated):
-                faults.append(f"{path}: {called} without allow_pickle=False")
-            faults += [f"{path}: a shell" for each in node.keywords if each.arg == "shell"]
+        imported = list(list_imports(tree))
+        names = USUAL | dict(imported)
+        nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Attribute | ast.Name)]
+        uses = dict.fromkeys([*(full for _, full in imported), *(resolve(ast.unparse(each), names) for each in nodes)])
+        faults += [
+            f"{path}: {full}"
+            for full in uses
+            for pattern, allowed in USES.items()
+            if is_named(full.removeprefix("builtins."), pattern) and path not in allowed
+        ]
+        faults += [f"{path}: from {full} import *" for name, full in imported if name == "*"]
+        called = set()
         for node in ast.walk(tree):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+            if isinstance(node, ast.Call):
+                called.add(id(node.func))
+                stated = [ast.unparse(each.value) for each in node.keywords if each.arg == "allow_pickle"]
+                loads = is_reader_of_arrays(resolve(ast.unparse(node.func), names))
+                if stated not in ([], ["False"]) or (loads and not stated):
+                    faults.append(f"{path}: {ast.unparse(node.func)} without allow_pickle=False")
+                faults += [f"{path}: a shell" for each in node.keywords if each.arg == "shell"]
+        faults += [
+            f"{path}: {ast.unparse(each)} is handed on"
+            for each in nodes
+            if is_reader_of_arrays(resolve(ast.unparse(each), names)) and id(each) not in called
+        ]
+        for node in ast.walk(tree):
+            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                modules += [node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)]
             faults += [
                 f"{path}: import {each}"
-                for each in names
+                for each in modules
                 for name, allowed in IMPORTS.items()
                 if (each == name or each.startswith(f"{name}.")) and path not in allowed
             ]
     return faults
+
+
+def is_reader_of_arrays(full):
+    return full == "numpy.load" or full.endswith(("npy.read_array", "format.read_array"))
 
 
 def test_nothing_is_executed_but_in_the_places_that_the_page_names():
@@ -115,7 +166,7 @@ def test_nothing_is_executed_but_in_the_places_that_the_page_names():
     assert len(sources) > 300
     assert find_faults(sources) == []
     page = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
-    for path in {path for allowed in (*CALLS.values(), *IMPORTS.values()) for path in allowed}:
+    for path in {path for allowed in (*USES.values(), *IMPORTS.values()) for path in allowed}:
         assert f"`opid/{path}`" in page, path
 
 
@@ -126,11 +177,25 @@ def test_nothing_is_executed_but_in_the_places_that_the_page_names():
         "import os\nos.system('x')", "np.load(path)", "np.load(path, allow_pickle=True)", "import yaml",
         "run(words, shell=True)", "from subprocess import run", "__import__('x')", "import urllib.request",
         "importlib.import_module(name)",
+        # by other names, and by what does the same
+        "from os import system", "from os import system as s", "import os as o\no.popen('x')",
+        "import builtins\nbuiltins.eval(x)",
+        "from builtins import exec as e", "from builtins import *", "__builtins__['eval'](x)", "map(eval, texts)",
+        "import os\nos.execv(path, words)", "os.spawnl(0, path)", "os.posix_spawn(path, [], {})", "import runpy",
+        "from runpy import run_path", "pandas.read_pickle(path)", "import pandas as p\np.read_pickle(path)",
+        "from pandas import read_pickle", "asyncio.create_subprocess_shell(x)", "asyncio.create_subprocess_exec(x)",
+        "from asyncio import create_subprocess_shell as run", "import numpy as n\nn.load(p)",
+        "from numpy import load\nload(p)", "from numpy import load as l\nl(p, allow_pickle=True)",
+        "map(np.load, paths)",
+        "from urllib import request", "from http import client", "import multiprocessing.shared_memory",
+        "from importlib import import_module as i\ni(name)",
     ],
 )  # fmt: skip
 def test_the_walk_sees_each_of_them(source):
     assert find_faults({"new.py": source}) != []
-    assert find_faults({"new.py": "import re\nre.compile('x')\nnp.load(path, allow_pickle=False)"}) == []
+    sound = "import re\nfrom numpy import load as l\nre.compile('x')\nnp.load(path, allow_pickle=False)"
+    sound += "\nl(path, allow_pickle=False)\nimport os\nos.path.exists(path)\nmodel.eval(1)\nsys.executable"
+    assert find_faults({"new.py": sound}) == []
 
 
 def test_a_module_is_imported_by_a_name_of_this_package_only():

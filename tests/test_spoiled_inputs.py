@@ -1,16 +1,14 @@
 """Files beside a study, spoiled in every way of `spoilers`: they are read, or refused in one sentence that names them.
 
 The same examples are drawn each time; `benchmarks/spoiled_inputs.py` runs such files through every command, and
-`benchmarks/fuzz_readers.py` searches for as long as one likes. What either of them found stands below by itself.
+`benchmarks/fuzz_readers.py` searches for as long as one likes. What either of them found is a
+file of `tests/corpus`, or stands below by itself.
 """
 
 import json
 import os
 import random
-import struct
 import warnings
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,10 +18,11 @@ import pytest
 from cli_runs import opid, refused
 from hypothesis import HealthCheck, Phase, given, settings
 from made_chain import curve_of, small_chain
+from made_flights import body_result
 from scipy import sparse
 from scipy.io import hb_write, mmwrite
 from small_logs import ended_after
-from spoilers import OF_FORMAT, PLACES, as_npy, put_nothing, put_unreadable, spoil, spoiled
+from spoilers import OF_FORMAT, PLACES, put_nothing, put_unreadable, spoil, spoiled
 from test_planning import FILE
 from test_updating_study_file import STUDY
 
@@ -126,6 +125,11 @@ READERS = {
     ),
     "study": Reader("study.toml", write_chain, read_study),
     "guess": Reader("guess.toml", lambda path: path.write_text(FILE), read_guess),
+    "result": Reader(
+        "result.json",
+        lambda path: path.write_text(json.dumps(body_result(np.random.default_rng(1), day="2026-03-01"))),
+        lambda path: read_flight(path, "one"),
+    ),
 }
 
 
@@ -201,6 +205,30 @@ def test_every_spoiler_works(ending, tmp_path):
 
 # ---- what was found ----------------------------------------------------------------------------------
 
+CORPUS = sorted(path for path in (Path(__file__).parent / "corpus").rglob("*") if path.is_file())
+"""Small files that once broke a reader, and others of each kind of `spoilers`: a folder for each reader, named so."""
+
+
+def read_matrix(path):
+    """Read a file that is one of the matrices of a structure."""
+    return read_structure({"mass": path, "stiffness": path})
+
+
+@pytest.mark.parametrize("path", CORPUS, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_each_file_of_the_corpus_is_read_or_refused(path, tmp_path):
+    """Python's parser, with which numpy reads headers, raises many kinds of exceptions, and zipfile an IndexError."""
+    reader = READERS.get(path.parent.name.replace("_", " "), Reader("mass.npy", Path.touch, read_matrix))
+    read = reader.make(tmp_path)
+    read.write_bytes(path.read_bytes())
+    with ended_after(60):
+        read_or_refuse(reader.read, read)
+
+
+def test_the_corpus_is_small_and_has_every_reader():
+    assert {each.parent.name for each in CORPUS} == {name.replace(" ", "_") for name in (*READERS, "matrix")}
+    assert all(each.stat().st_size <= 4096 for each in CORPUS)
+    assert sum(each.stat().st_size for each in CORPUS) <= 150_000
+
 
 def test_pointers_of_a_sparse_matrix_that_fall_are_refused(tmp_path):
     """scipy checks no pointers whose last one is below zero."""
@@ -219,43 +247,6 @@ def test_pointers_of_a_sparse_matrix_that_fall_are_refused(tmp_path):
         np.savez(path, **arrays | {name: wrong})
         with pytest.raises(InputError, match=r"structure\.npz"):
             read_structure(path)
-
-
-HEADERS = (
-    *(b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,)", b"{'descr': '<f8'", b"(" * 5000, b"{[]: 1}", b"'" * 3),
-    *(b"{'descr': [1], 'fortran_order': False, 'shape': (3,)}", b"{'descr': '<f8', 'fortran_order': 0, 'shape': 3}"),
-    *(b"{'descr': '<f8', 'fortran_order': False, 'shape': (1.5,)}", b"\n x", b"{'descr': None}", b"9" * 6000),
-)
-
-
-@pytest.mark.parametrize("head", HEADERS)
-def test_a_header_of_an_array_that_is_none_is_refused(head, tmp_path):
-    """A header is text of Python, for which Python's own parser raises many kinds of exceptions."""
-    content = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + bytes(24)
-    path = tmp_path / "structure.npz"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("mass.npy", content)
-    with pytest.raises(InputError, match=r"structure\.npz: it is no valid"):
-        read_structure(path)
-    path = tmp_path / "mass.npy"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"mass\.npy: it is no valid"):
-        read_structure({"mass": path, "stiffness": path})
-
-
-def test_a_member_without_a_name_is_refused(tmp_path):
-    """Found by atheris: zipfile raised an IndexError."""
-    content = as_npy(np.zeros(3))
-    head = struct.pack(
-        "<IHHHHHIIIHH", 0x04034B50, 20, 0, 0, 0, 0, zlib.crc32(content), len(content), len(content), 0, 0
-    )
-    entry = struct.pack("<IHHHHHHIII", 0x02014B50, 20, 20, 0, 0, 0, 0, zlib.crc32(content), len(content), len(content))
-    entry += struct.pack("<HHHHHII", 0, 0, 0, 0, 0, 0, 0)
-    end = struct.pack("<IHHHHIIH", 0x06054B50, 0, 0, 1, 1, len(entry), len(head) + len(content), 0)
-    path = tmp_path / "modes.npz"
-    path.write_bytes(head + content + entry + end)
-    with pytest.raises(InputError, match=r"modes\.npz: it is no valid \.npz file"):
-        read_modes(path)
 
 
 @pytest.mark.parametrize("schema", [[1], {}, 1, True, "opid.identification/99", "x" * 10_000])

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from opid.errors import InputError, count_repeats, nearest, refuse, shorten_middle
+from opid.json_values import LARGEST
 from opid.signals.files import nearest_beside, read_table
 from opid.studies.schema import Document, load, read_tables, require_plain
 from opid.studies.study_file import SUSPENSIONS, kind_of
@@ -21,9 +22,6 @@ Cell = str | int | float | date
 
 NAME, TAIL, DATE, STUDY = "flight", "tail", "date", "study"
 """Columns of the table of flights that have a meaning of their own."""
-
-_LARGEST = 1e100
-"""Numbers beyond it are slips, and their squares would overflow."""
 
 _MOST_FAULTS = 6
 
@@ -202,8 +200,8 @@ def _find_number(cell: Cell) -> int | float | None:
         with suppress(ValueError):
             number = kind(cell)
             break
-    if number is not None and not abs(number) < _LARGEST:
-        raise _RowError(f"has the number {shorten_middle(str(cell), 40)}: give a finite one, below {_LARGEST:g}")
+    if number is not None and not abs(number) < LARGEST:
+        raise _RowError(f"has the number {shorten_middle(str(cell), 40)}: give a finite one, below {LARGEST:g}")
     return number
 
 

@@ -26,6 +26,7 @@ from opid.cli.group import (
     with_output,
 )
 from opid.errors import InputError, NotDeterminedError
+from opid.modal.settings import MODAL
 from opid.progress import Say
 
 if TYPE_CHECKING:
@@ -327,7 +328,8 @@ def resonance(
     "--gain-tolerance",
     type=click.FloatRange(min=0, max=1, max_open=True),
     metavar="FRACTION",
-    help="Standard deviation of the calibration, 0.01 for 1 %.  [default: that of the study, or 0.015]",
+    help="Standard deviation of the calibration, 0.01 for 1 %.  "
+    f"[default: that of the study, or {MODAL.gain_tolerance:g}]",
 )
 @out_option("Folder for result.json, report and figure.")
 @with_output
@@ -379,7 +381,6 @@ def _follow_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
 def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
     """Return the free decay in a channel of a log; its warnings name the options of this command."""
     from opid.modal.decay.free_decay import LENGTHS, QUANTITIES, UNITS, free_decay
-    from opid.modal.settings import MODAL
 
     say("the record")
     kinds = {
@@ -415,8 +416,9 @@ def _filter_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say
     from opid.modal.forced.mode_tests import find_largest_mode
     from opid.studies.modal_study import read_decays
 
-    tests, stated = read_decays(Path(settings["study"]), logs, say)
-    known = stated if settings["gain_tolerance"] is None else settings["gain_tolerance"]
+    read = read_decays(Path(settings["study"]), logs, say)
+    tests = read.tests
+    known = read.gain_tolerance if settings["gain_tolerance"] is None else settings["gain_tolerance"]
     elastic = [number + 1 for number, is_elastic in enumerate(tests[0].modes.elastic) if is_elastic]
     mode = find_largest_mode(tests[0], elastic) if settings["mode"] is None else settings["mode"]
     options = {name: settings[name] for name in ("stiffness_order", "damping_order", "memory")}

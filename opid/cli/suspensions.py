@@ -25,6 +25,7 @@ from opid.cli.group import (
 )
 from opid.errors import InputError
 from opid.progress import Say
+from opid.suspensions.sensor_facts import USUAL_GAIN_TOLERANCE, USUAL_LAG_TOLERANCE_S
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW
 
 if TYPE_CHECKING:
@@ -299,14 +300,14 @@ def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Say) -> S
     "gain_tolerance",
     type=click.FloatRange(min=0, max=1, max_open=True),
     metavar="FRACTION",
-    help="Standard deviation of the gain of each channel.  [default: 0.01]",
+    help=f"Standard deviation of the gain of each channel.  [default: {USUAL_GAIN_TOLERANCE:g}]",
 )
 @click.option(
     "--lag-tolerance",
     "lag_tolerance_s",
     type=click.FloatRange(min=0),
     metavar="S",
-    help="Standard deviation of the lag of the force, s.  [default: 0.0005 and half a sample]",
+    help=f"Standard deviation of the lag of the force, s.  [default: {USUAL_LAG_TOLERANCE_S:g} and half a sample]",
 )
 @click.option(
     "--mass-tolerance",

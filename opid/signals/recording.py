@@ -16,8 +16,8 @@ FloatArray = NDArray[np.float64]
 LEAST_SIZE, LARGEST_SIZE = 1e-50, 1e50
 """Sizes between which SI values of all that can be measured lie, and whose sixth powers a computer still knows."""
 
-LARGEST_RATE_HZ = 1e12
-"""Sampling rate above that of any recorder, as one a day is above its inverse."""
+LEAST_RATE_HZ, LARGEST_RATE_HZ = 1e-4, 1e10
+"""Sampling rates of all recorders of motion: beyond them the time has another unit, as stamps in ns that count as s."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ class Recording:
             )
         if samples.shape[0] < 2:
             raise InputError(f"the recording has {samples.shape[0]} sample(s): at least two are needed")
-        if not 1 / LARGEST_RATE_HZ <= self.fs <= LARGEST_RATE_HZ:
+        if not LEAST_RATE_HZ <= self.fs <= LARGEST_RATE_HZ:
             raise InputError(
-                f"fs is {self.fs} Hz: give a positive sampling rate from {1 / LARGEST_RATE_HZ:g} to "
-                f"{LARGEST_RATE_HZ:g} Hz"
+                f"the sampling rate fs is {self.fs:g} Hz, and that of a recorder is {LEAST_RATE_HZ:g} to "
+                f"{LARGEST_RATE_HZ:g} Hz: check the unit of the time"
             )
         names = [channel.name for channel in channels]
         require_distinct_names(names)

@@ -119,6 +119,28 @@ class _Study(_Settings):
     tests: Annotated[tuple[_Test, ...], MODAL_TESTS.needs["tests"]] = ()
     curves: tuple[_Curve, ...] = ()
 
+    def split_settings(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return the settings that are stated in [modes], and those that are stated beside it."""
+        names = {each.name for each in fields(_Settings)}
+        inside, beside = (
+            {name: value for name, value in select_stated(table).items() if name in names}
+            for table in (self.modes, self)
+        )
+        return inside, beside
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Decays:
+    """Logs of free decays as tests of a study, with what the study says of their calibration.
+
+    Args:
+        tests: one of each log.
+        gain_tolerance: standard deviation of the calibration.
+    """
+
+    tests: tuple[ModalTest, ...]
+    gain_tolerance: float
+
 
 def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     """Read what a study file of modal tests names, and return the study."""
@@ -126,10 +148,7 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     if not {"tests", "curves"} & {*document, *find_misspelt(document, ("tests", "curves"))}:
         faults.append(f"the study lacks 'tests', give {MODAL_TESTS.needs['tests']}")
     refuse(faults, source)
-    names = {each.name for each in fields(_Settings)}
-    inside, beside = (
-        {name: value for name, value in select_stated(table).items() if name in names} for table in (study.modes, study)
-    )
+    inside, beside = study.split_settings()
     faults += [f"{name!r} stands in [modes] and beside it: give it once" for name in inside if name in beside]
     modes: dict[str | None, LinearModes] = {}
     for name in dict.fromkeys([study.modes.file, *(each.modes for each in study.tests if each.modes is not None)]):
@@ -169,7 +188,7 @@ def build_study(document: Document, source: Path, say: Say) -> ModalStudy:
     return ModalStudy(title, linear, tests=tuple(tests), curves=tuple(curves), source=source, **settings)
 
 
-def read_decays(path: Path, logs: Sequence[Path], say: Say) -> tuple[list[ModalTest], float]:
+def read_decays(path: Path, logs: Sequence[Path], say: Say) -> Decays:
     """Read logs of free decays with the modes, sensors, channels and `gain_tolerance` of a study file of modal tests.
 
     Args:
@@ -185,7 +204,11 @@ def read_decays(path: Path, logs: Sequence[Path], say: Say) -> tuple[list[ModalT
     if found is not MODAL_TESTS:
         raise InputError(f"{path} is a study of {found.subject}: give one of modal tests, which has a table [modes]")
     study, faults = read_tables(_Study, document)
+    inside, beside = study.split_settings()
+    if "gain_tolerance" in inside and "gain_tolerance" in beside:
+        faults.append("'gain_tolerance' stands in [modes] and beside it: give it once")
     refuse(faults, path)
+    stated: dict[str, Any] = {"gain_tolerance": study.gain_tolerance} | beside | inside
     modes, channels = read_modes(path.parent / study.modes.file), _read_channels(study)
     tests = []
     for log in logs:
@@ -196,8 +219,7 @@ def read_decays(path: Path, logs: Sequence[Path], say: Say) -> tuple[list[ModalT
             files = add_files(test.recording, path, path.parent / study.modes.file)
             tests.append(replace(test, recording=files))
     refuse(faults, path)
-    is_inside = "gain_tolerance" in select_stated(study.modes)
-    return tests, float((study.modes if is_inside else study).gain_tolerance)
+    return Decays(tests=tuple(tests), gain_tolerance=float(stated["gain_tolerance"]))
 
 
 def write_files(study: ModalStudy, directory: Path) -> str:

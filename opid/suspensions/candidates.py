@@ -725,7 +725,7 @@ def _list_kinds_of_start(task: Task) -> list[str]:
 def _search_model(task: Task, model: Model, start: Start, begin: Callable[..., tuple[Model, Start]]) -> SearchResult:
     """Search laws and faults; if all runs together end at a wrong minimum, begin with the runs without loading."""
     found: SearchResult | None = None
-    failed: Exception | None = None
+    failed: NotDeterminedError | None = None
     try:
         found = find_model(model, start, replace(task.question, repeatability=task.repeatability), progress=task.say)
     except NO_FIT as error:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import fft
 
+from opid.errors import NotDeterminedError
 from opid.mechanics.laws.law import LAWS, LINEAR, Law, default_law
 from opid.progress import Say
 from opid.signals.recording import FloatArray
@@ -323,7 +324,7 @@ class _Search:
         attempts += [lambda: self.attempt(model, theta, noisier[0], faults_first=True)] * self.question.faults
         best: SearchResult | None = None
         last: SearchResult | None = None
-        failed: Exception | None = None
+        failed: NotDeterminedError | None = None
         n_starts = 0
         is_confirmed = False
         for number, attempt in enumerate(attempts):

@@ -140,7 +140,7 @@ def nuts(
     middle, counted = rows.mean(axis=0), [n_chains]
     at_start = solve_triangular(root, (rows - middle).T, lower=True).T
     usual = (dropped + kept) * n_chains * UPDATING.usual_steps
-    refused: list[Exception] = []
+    refused: list[InputError | NotDeterminedError] = []
 
     def evaluate_one(walked: FloatArray) -> tuple[float, FloatArray]:
         theta = (middle + root @ walked)[np.newaxis]
