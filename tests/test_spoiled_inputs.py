@@ -295,9 +295,13 @@ def test_a_size_that_no_study_has_is_told_with_both_ends(value, tmp_path):
     [
         ([0.0, 1e300], 10.0, "has values up to 1e.300, which nothing measures"),
         ([0.0, 1e-300], 10.0, "has values up to 1e-300, which nothing measures"),
-        ([0.0, 1.0], 1e300, "give a positive sampling rate"),
-        ([0.0, 1.0], np.nan, "give a positive sampling rate"),
-        ([0.0, 1.0], 1e-13, r"fs is 1e-13 Hz: give a positive sampling rate from 1e-12 to 1e\+12 Hz"),
+        ([0.0, 1.0], 1e300, "that of a recorder is"),
+        ([0.0, 1.0], np.nan, "that of a recorder is"),
+        (
+            [0.0, 1.0],
+            1e-13,
+            r"fs is 1e-13 Hz, and that of a recorder is 0.0001 to 1e\+10 Hz: check the unit",
+        ),
     ],
 )
 def test_a_recording_of_what_nothing_measures_is_refused(samples, fs, words):

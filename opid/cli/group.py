@@ -44,6 +44,7 @@ PATH = _Path(path_type=Path)
 
 _VERBOSE = "opid.verbose"  # what the contexts of a command share of its options
 _LONGEST_WORD, _LONGEST_LINE, _LONGEST_REASON = 300, 1500, 200
+_LEAST_SIZE, _LARGEST_SIZE = 1e-50, 1e50  # as of recordings, whose sixth powers a computer still knows
 _PAUSE_S = 0.01  # before a signal is sent once more: what was destroyed is gone by then
 
 
@@ -218,10 +219,39 @@ def _escape(error: click.ClickException) -> click.ClickException:
     return error
 
 
+class Command(click.Command):
+    """A command whose numbers have a size that something measured has."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the words of the command line, and refuse NaN, infinity and numbers whose powers are none."""
+        rest = super().parse_args(ctx, args)
+        for param in self.params:
+            for each in _flatten(ctx.params.get(param.name or "")):
+                size = abs(each)
+                if size and not _LEAST_SIZE <= size <= _LARGEST_SIZE:
+                    raise click.BadParameter(
+                        f"{each:g} has a size that nothing has which is measured: give a number from {_LEAST_SIZE:g} "
+                        f"to {_LARGEST_SIZE:g}",
+                        ctx,
+                        param,
+                    )
+        return rest
+
+
+def _flatten(value: Any) -> Iterator[float]:
+    """Yield the numbers of an option that is given once, several times, or with several numbers."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, tuple):
+        for each in value:
+            yield from _flatten(each)
+
+
 class Commands(click.Group):
     """Where the input or the data are at fault, these commands end with a sentence instead of a traceback."""
 
     group_class = type
+    command_class = Command
 
     def make_context(self, *args: Any, **settings: Any) -> click.Context:
         """Read the words of the command line."""

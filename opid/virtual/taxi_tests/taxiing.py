@@ -201,7 +201,8 @@ def taxi_run(
     if n_steps > _MOST_STEPS:
         raise InputError(
             f"duration_s is {duration_s:g} s and fs {fs:g} Hz: with {_LEAD_IN_S + _TAIL_S:g} s around it the "
-            f"simulation takes {n_steps:.2g} steps and {1e-9 * _STEP_BYTES * n_steps:.2g} GB; give at most {_MOST_STEPS:g} steps"
+            f"simulation takes {n_steps:.2g} steps and {1e-9 * _STEP_BYTES * n_steps:.2g} GB; give at most "
+            f"{_MOST_STEPS:g} steps"
         )
     if not 0.0 <= pushed_fraction < np.inf:
         raise InputError(f"pushed_fraction is {pushed_fraction}: give zero or a positive number")
