@@ -120,7 +120,7 @@ class OfWords(click.Choice[str]):
 
 
 def as_line(text: str) -> str:
-    """Return a sentence as one line that any terminal shows: a name in it may hold anything, at any length.
+    r"""Return a sentence as one line that any terminal shows: a name in it may hold anything, at any length.
 
     >>> as_line("there is no file a\x1b[31m\nb")
     'there is no file a\\x1b[31m b'
