@@ -294,14 +294,14 @@ def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
 def _make_sparse(kind: str, pieces: Mapping[str, Any], shape: tuple[int, int]) -> Any:
     """Return the sparse matrix of arrays by their names, whose pointers must be whole numbers inside it."""
     data, *pointers = pieces.values()
-    if "indptr" in pieces and (pieces["indptr"].ndim != 1 or (np.diff(pieces["indptr"]) < 0).any()):
-        # scipy does not check pointers that end below zero
-        raise InputError("do not make a sparse matrix (indptr falls): store it again")
     if data.dtype.kind not in "iuf" or any(each.dtype.kind not in "iu" for each in pointers) or min(shape) < 1:
         kinds = ", ".join(f"{name} {each.dtype}" for name, each in pieces.items())
         raise InputError(
             f"do not make a sparse matrix of the shape {shape} ({kinds}): store numbers, and whole numbers as pointers"
         )
+    if "indptr" in pieces and (pieces["indptr"].ndim != 1 or (np.diff(pieces["indptr"]) < 0).any()):
+        # scipy does not check pointers that end below zero
+        raise InputError("do not make a sparse matrix (indptr falls): store it again")
     try:
         matrix = _SPARSE[kind][0]((data, tuple(pointers)) if kind == "coo" else (data, *pointers), shape=shape)
         if "indptr" in pieces:
