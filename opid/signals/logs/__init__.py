@@ -179,6 +179,9 @@ def write_log(recording: Recording, path: str | os.PathLike[str]) -> None:
 def require_written_format(path: str | os.PathLike[str]) -> None:
     """Refuse before long work a log to be written whose ending is that of no format that is written.
 
+    Args:
+        path: of the file.
+
     Raises:
         InputError: an unknown ending.
     """

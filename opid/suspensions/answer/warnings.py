@@ -542,7 +542,13 @@ def warn_of_signs(interfaces: Sequence[InterfaceEstimate]) -> Iterator[str]:
 
 
 def warn_of_sign(name: str, estimate: Estimate, *, is_spring: bool) -> Iterator[str]:
-    """Yield a sentence where the whole interval of a stiffness or damping, of this name, is below zero."""
+    """Yield a sentence where the whole interval of a stiffness or damping is below zero.
+
+    Args:
+        name: how the sentence calls it.
+        estimate: its value and interval.
+        is_spring: whether it is a stiffness.
+    """
     if estimate.interval95 is None or estimate.interval95[1] >= 0.0:
         return
     meaning = (
