@@ -83,6 +83,24 @@ def require_positive(what: str, value: float) -> float:
     return float(value)
 
 
+def require_fraction(what: str, value: float) -> float:
+    """Return a value, and refuse one that is no fraction below 1, NaN included.
+
+    Args:
+        what: how the sentence calls it.
+        value: the value.
+
+    Raises:
+        InputError: it is below 0, 1 or more, or no number.
+
+    >>> require_fraction("gain_tolerance", 0.01)
+    0.01
+    """
+    if not 0.0 <= value < 1.0:
+        raise InputError(f"{what} is {value}: give a fraction from 0 to below 1, 0.01 for 1 %")
+    return value
+
+
 def refuse(faults: list[str], source: Path | None) -> None:
     """Say everything that is wrong at once.
 

@@ -207,3 +207,14 @@ def test_tolerances_stand_in_the_command_that_repeats_a_bench(tmp_path):
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "--gain-tolerance 0.02 --lag-tolerance 0.001 --mass-tolerance 0.5" in page
     refused(opid(*words, "--lag-tolerance", "-1"), "--lag-tolerance")
+
+
+@pytest.mark.parametrize("tolerance", [-0.01, 1.0, 5.0, float("nan")])
+def test_every_way_to_state_a_tolerance_refuses_what_is_no_fraction(tolerance):
+    test, _ = decay_at_sensors(0)
+    with pytest.raises(InputError, match="gain_tolerance is"):
+        free_decay(test.modal_acceleration(1), fs=test.fs, gain_tolerance=tolerance)
+    with pytest.raises(InputError, match="gain_tolerance is"):
+        decay_of(test, 1, gain_tolerance=tolerance)
+    with pytest.raises(InputError, match="gain_tolerance is"):
+        BenchTolerances(gain_tolerance=tolerance)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
-from opid.errors import InputError, count_repeats, nearest, refuse
+from opid.errors import InputError, count_repeats, nearest, refuse, require_fraction
 from opid.modal.couplings import DEGREES, Product
 from opid.modal.joint_terms import read_memory
 from opid.modal.linear.modes import ACCELERATION, LinearModes, ModalTest, with_units
@@ -133,14 +133,13 @@ def _find_faults(study: ModalStudy) -> Iterator[str]:
             yield f"{word} is {order}, give 1 (linear) to {HIGHEST_ORDER}"
     try:
         read_memory(study.memory)
+        require_fraction("gain_tolerance", study.gain_tolerance)
     except InputError as error:
         yield str(error)
     for word in THRESHOLDS:
         threshold = getattr(study, word)
         if not 0 < threshold <= 1:
             yield f"{word} is {threshold}, give a fraction above 0 and up to 1, 0.01 for 1 %"
-    if not 0 <= study.gain_tolerance < 1:
-        yield f"gain_tolerance is {study.gain_tolerance}, give a fraction from 0 to below 1, 0.01 for 1 %"
     for coupling in study.couplings or ():
         wrong = [mode for mode in coupling if not 1 <= mode <= study.modes.n_modes or not study.modes.elastic[mode - 1]]
         if wrong:

@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from opid.errors import InputError, NotDeterminedError, nearest
+from opid.errors import InputError, NotDeterminedError, nearest, require_fraction
 from opid.estimate import Estimate, format_percent
 from opid.json_values import plain
 from opid.mechanics.laws.law import Law
@@ -282,6 +282,7 @@ def free_decay(
     >>> round(decay.frequency_low_hz.value, 2), round(decay.damping_low.value, 4)
     (40.0, 0.006)
     """
+    require_fraction("gain_tolerance", gain_tolerance)
     series = _read_series(samples, fs, quantity)
     derivative = QUANTITIES.index(quantity)
     acting = None if force is None else find_free_part(series, force, fs=fs)

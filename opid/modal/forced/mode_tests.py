@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from opid.errors import require_fraction
 from opid.estimate import format_percent
 from opid.mechanics.structure import ComplexArray
 from opid.modal.couplings import Product
@@ -123,7 +124,11 @@ def check_shapes(
         mode: number of the mode, from 1.
         band_hz: ends of the band, Hz.
         gain_tolerance: standard deviation of the gain of its sensors by their calibration, as a fraction.
+
+    Raises:
+        InputError: a tolerance that is no fraction.
     """
+    require_fraction("gain_tolerance", gain_tolerance)
     seen = _OutsideShapes.of(test, band_hz)
     outside, blamed = seen.fraction, seen.find_cause()
     cause = blamed.clause if blamed else ""

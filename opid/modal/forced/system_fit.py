@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from opid.errors import InputError, list_names
+from opid.errors import InputError, list_names, require_fraction
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import Law
 from opid.modal.couplings import Coupling, Product
@@ -165,6 +165,7 @@ def fit_system(
     Raises:
         InputError: no form of the law could be fitted, or a memory that is no kind of joint.
     """
+    require_fraction("gain_tolerance", gain_tolerance)
     bands = {fit.mode: fit.band_hz} | {each.other: each.band_hz for each in interactions}
     bands |= {
         mode: _choose_band(tests[0], mode) for product in products or () for mode in product.modes if mode not in bands

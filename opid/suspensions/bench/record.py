@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from opid.errors import InputError, NotDeterminedError, nearest
+from opid.errors import InputError, NotDeterminedError, nearest, require_fraction
 from opid.mechanics.laws.law import default_law
 from opid.mechanics.memory import RecordedMotion, recorded_motion
 from opid.provenance import ReadFile
@@ -45,8 +45,7 @@ class BenchTolerances:
     mass_tolerance_kg: float | None = None
 
     def __post_init__(self) -> None:
-        if not 0 <= self.gain_tolerance < 1:
-            raise InputError(f"gain_tolerance is {self.gain_tolerance}: give a fraction from 0 to below 1")
+        require_fraction("gain_tolerance", self.gain_tolerance)
         for name in ("lag_tolerance_s", "mass_tolerance_kg"):
             value = getattr(self, name)
             if value is not None and not 0 <= value < np.inf:
