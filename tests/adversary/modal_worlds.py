@@ -160,7 +160,9 @@ def list_beat_worlds(*, is_searched: bool) -> list[World]:
     ]
 
 
-BEAT_WORLDS, SEARCHED_BEAT_WORLDS = list_beat_worlds(is_searched=False), list_beat_worlds(is_searched=True)
+BEAT_WORLDS = list_beat_worlds(is_searched=False) + [
+    replace(each, fails=f"{each.fails}, law searched", is_slow=True) for each in list_beat_worlds(is_searched=True)
+]
 
 # ---- free decays ----------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""In no world of the table is an answer confidently wrong, and what the data can tell of the cause is said."""
+"""In no world of the table is an answer confidently wrong, sound worlds have one, and causes that show are said."""
 
 import pytest
 from bench_worlds import BENCH_WORLDS
@@ -15,5 +15,5 @@ WORLDS = [each for each in EVERY_WORLD if not each.unseen and not each.is_slow]
 @pytest.mark.parametrize("world", WORLDS, ids=list_names(WORLDS))
 def test_no_answer_is_confidently_wrong(world):
     verdict = judge(world, seed=0)
-    assert verdict.outcome != "wrong", verdict
+    assert verdict.outcome == "right" or (verdict.outcome == "silent" and not world.must_answer), verdict
     assert world.must_say in verdict.said
