@@ -38,27 +38,29 @@ def beat_world(
     fails: str,
     change: Change = lambda samples, rng: samples,
     *,
-    modes: LinearModes = FOUR,
+    modes: LinearModes | None = None,
+    structure: LinearModes = FOUR,
     drift: float = 0.0,
     must_say: str = "",
     is_searched: bool = False,
 ) -> World:
-    """Return the world of a softening mode at 120 Hz of four.
+    """Return the world of a softening mode at 120 Hz, the third of the structure.
 
-    Its tests are changed; `drift` is that of its frequency between the tests, as a fraction. The orders of the law are
-    named, or searched together with friction, joints and couplings, which takes half a minute.
+    Its tests are changed and read with `modes`, those of the structure where None; `drift` is that of its frequency
+    between the tests, as a fraction. The orders of the law are named, or searched together with friction, joints and
+    couplings, which takes half a minute.
     """
     orders = {} if is_searched else {"stiffness_order": 3, "damping_order": 3}
 
     def ask(seed: int) -> Answer:
         rng = np.random.default_rng([seed, 11])
-        tests = beats(softening(FOUR, 3), rng)
+        tests, known = beats(softening(structure, 3), rng), modes or structure
         if drift:
-            moved = FOUR.frequency_hz * np.array([1.0, 1.0, 1.0 + drift, 1.0])
-            later = beats(softening(replace(FOUR, frequency_hz=moved), 3), rng)
+            moved = structure.frequency_hz * np.array([1.0, 1.0, 1.0 + drift, 1.0])
+            later = beats(softening(replace(structure, frequency_hz=moved), 3), rng)
             tests = [*tests[:2], *later[2:]]
-        tests = change_tests(tests, change, rng, modes)
-        study = ModalStudy("beats", modes, (3,), tuple(StudyTest(each, "fit", 3) for each in tests), "a", **orders)
+        tests = change_tests(tests, change, rng, known)
+        study = ModalStudy("beats", known, (3,), tuple(StudyTest(each, "fit", 3) for each in tests), "a", **orders)
         found = identify_modes(study)
         fit = found.fits[0]
         pairs = [("k3", fit.stiffness.get(3, Estimate()), K3), ("c2", fit.damping.get(2, Estimate()), C2)]
@@ -126,6 +128,17 @@ def renumber(modes: LinearModes, order: Sequence[int]) -> LinearModes:
     return replace(modes, shapes=modes.shapes[:, list(order)])
 
 
+def keep(modes: LinearModes, kept: Sequence[int]) -> LinearModes:
+    """Return only some of the modes."""
+    chosen = list(kept)
+    return replace(
+        modes,
+        frequency_hz=modes.frequency_hz[chosen],
+        damping_ratio=modes.damping_ratio[chosen],
+        shapes=modes.shapes[:, chosen],
+    )
+
+
 def list_beat_worlds(*, is_searched: bool) -> list[World]:
     """Return the worlds of sine beats, whose law is searched, or its orders are named."""
     world = partial(beat_world, is_searched=is_searched)
@@ -145,12 +158,14 @@ def list_beat_worlds(*, is_searched: bool) -> list[World]:
         world("shapes of two modes exchanged", modes=renumber(FOUR, (0, 1, 3, 2))),
         world(
             "a mode is missing in the shapes",
-            modes=replace(
-                FOUR,
-                frequency_hz=FOUR.frequency_hz[[0, 1, 2]],
-                damping_ratio=FOUR.damping_ratio[[0, 1, 2]],
-                shapes=FOUR.shapes[:, [0, 1, 2]],
-            ),
+            modes=keep(FOUR, [0, 1, 2]),
+        ),
+        *(
+            world(
+                f"a neighbour {percent} % above",
+                structure=replace(FOUR, frequency_hz=np.array([0.0, 90.0, 120.0, 120.0 * (1 + percent / 100)])),
+            )
+            for percent in (1, 3)
         ),
         world("force clipped at 70 %", clip(0, 0.7)),
         world("a sensor clipped at 70 %", clip(1, 0.7), must_say="clipped"),
@@ -182,12 +197,17 @@ def decay_world(fails: str, follow: Callable[[int], Decay], must_say: str = "") 
     return World("decay", fails, ask, must_say)
 
 
-def ring(seed: int, change: Change = lambda samples, rng: samples, **made: float) -> Decay:
-    """Follow the first mode of a test whose samples are changed, by its shapes."""
+def ring(
+    seed: int,
+    change: Change = lambda samples, rng: samples,
+    told: Callable[[LinearModes], LinearModes] = lambda modes: modes,
+    **made: float,
+) -> Decay:
+    """Follow the first mode of a test whose samples are changed, by its shapes as they are told."""
     rng = np.random.default_rng([seed, 13])
     test, _ = decay_at_sensors(seed, **made)
     record = replace(test.recording, samples=change(test.recording.samples.copy(), rng))
-    return decay_of(modal_test(record, test.modes, name="ring"), 1)
+    return decay_of(modal_test(record, told(test.modes), name="ring"), 1)
 
 
 def ring_alone(seed: int, change: Callable[[np.ndarray, np.random.Generator], np.ndarray]) -> Decay:
@@ -211,6 +231,8 @@ DECAY_WORLDS = [
     decay_world("a sensor 30 % off", lambda seed: ring(seed, wrong_gain=1.3)),
     decay_world("shapes 3 % off", lambda seed: ring(seed, n_sensors=10, shape_error=0.03)),
     decay_world("two sensors exchanged", lambda seed: ring(seed, exchange(0, 1))),
+    decay_world("shapes of two modes exchanged", lambda seed: ring(seed, told=lambda modes: renumber(modes, (1, 0)))),
+    decay_world("a mode is missing in the shapes", lambda seed: ring(seed, told=lambda modes: keep(modes, [0]))),
     decay_world("a sensor clipped at 60 %", lambda seed: ring(seed, clip(0, 0.6))),
     decay_world(
         "the signal clipped at 70 %",
@@ -272,6 +294,17 @@ def at_columns(change: Change, *, is_force: bool) -> Callable[[ModalStudy], Moda
     return apply
 
 
+def exchange_shapes(study: ModalStudy) -> ModalStudy:
+    """Return the study with the shapes of the mode under test and of another elastic one exchanged."""
+    number = study.tests[0].mode
+    other = next(k for k in range(1, study.modes.n_modes + 1) if k != number and study.modes.elastic[k - 1])
+    order = list(range(study.modes.n_modes))
+    order[number - 1], order[other - 1] = other - 1, number - 1
+    modes = renumber(study.modes, order)
+    tests = tuple(replace(each, test=replace(each.test, modes=modes)) for each in study.tests)
+    return replace(study, modes=modes, tests=tests)
+
+
 RESONANCE_WORLDS = [
     resonance_world("none", lambda study: study),
     resonance_world("polarity of the force reversed", at_columns(scale([0], -1.0), is_force=True)),
@@ -281,6 +314,7 @@ RESONANCE_WORLDS = [
     resonance_world("accelerations a sample late", at_columns(delay(slice(None), 1.0), is_force=False)),
     resonance_world("the loop is 5 degrees off", lambda study: study, phase_error_deg=-5.0),
     resonance_world("a neighbour is not among the shapes", with_mode_unknown),
+    resonance_world("shapes of two modes exchanged", exchange_shapes),
     resonance_world("a sensor clipped at 70 %", at_columns(clip(0, 0.7), is_force=False)),
     resonance_world("force clipped at 80 %", at_columns(clip(0, 0.8), is_force=True)),
 ]
