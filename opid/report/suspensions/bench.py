@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 
 from opid.estimate import format_number, format_percent, rounded
-from opid.report.document import Document, Figure, Paragraph, Row, build_warnings, write_options, write_sentence
+from opid.report.document import (
+    Document,
+    Figure,
+    Paragraph,
+    Row,
+    Table,
+    build_columns,
+    build_warnings,
+    write_options,
+    write_sentence,
+)
 from opid.report.estimates import (
     INTERVAL,
     build_estimate_row,
@@ -16,6 +26,7 @@ from opid.report.estimates import (
     tabulate_estimates,
 )
 from opid.report.sketch import sketch_bench
+from opid.suspensions.bench.intervals import CalibrationError
 from opid.suspensions.bench.law import UNITS, BenchLaw
 from opid.suspensions.bench.record import BenchTolerances
 
@@ -47,11 +58,28 @@ def build_document(result: BenchLaw) -> Document:
             build_warnings(result.warnings),
             Paragraph(_say_quality(result)),
             *(() if is_warned else (Paragraph(write_sentence(memory.statement)),)),
+            *((_tabulate_calibration(result.calibration),) if result.calibration else ()),
         ),
         lambda: _list_figures(result),
         write_command(result),
         source="record",
         sketch=sketch_bench(result),
+    )
+
+
+def _tabulate_calibration(calibration: Sequence[CalibrationError]) -> Table:
+    """Return what was stated of gains, lag and mass, and what the record tells of them beside that."""
+    rows = []
+    for each in calibration:
+        found = each.found
+        unit = "-" if each.unit == "1" else each.unit
+        is_told = (found.std or 0.0) < 0.9 * each.tolerance
+        told = (rounded(found.value, found.std), rounded(found.std, found.std)) if is_told else ("-", "-")
+        rows.append((each.name, format_number(each.tolerance, 2), *told, unit))
+    return Table(
+        build_columns("calibration", "stated std. dev.", "in this record", "std. dev.", "unit"),
+        tuple(rows),
+        note="The intervals hold these errors of the channels; no value is corrected for them.",
     )
 
 
