@@ -13,7 +13,7 @@ from scipy import sparse
 
 from opid.errors import InputError
 from opid.modal.linear.modes_file import read_modes
-from opid.signals.logs import open_log
+from opid.signals.logs import archives, open_log
 from opid.signals.logs.archives import read_archive, read_array
 from opid.updating.structure.matrices_file import read_structure
 
@@ -154,3 +154,13 @@ def test_every_reader_of_archives_names_the_file_once(read, tmp_path):
         read(path)
     assert str(caught.value).count("absurd.npz") == 1
     assert "has the shape" in str(caught.value)
+
+
+def test_an_archive_of_many_members_is_told_before_any_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(archives, "MOST_MEMBERS", 3)
+    few, many = tmp_path / "few.npz", tmp_path / "many.npz"
+    np.savez(few, **{f"a{k}": np.ones(2) for k in range(3)})
+    np.savez(many, **{f"a{k}": np.ones(2) for k in range(4)})
+    assert len(read_archive(few).arrays) == 3
+    with pytest.raises(InputError, match="4 arrays, and at most 3 are read"):
+        read_archive(many)

@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 
 from opid.errors import InputError, count_repeats
 
+MOST_MEMBERS = 10_000
+"""Arrays of an archive: a log has one for each channel, and a hundred thousand take minutes to read."""
+
 MEMORY_FRACTION = 0.25
 """Fraction of the memory of the machine that the arrays of an archive may take: an answer needs copies of them."""
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
@@ -137,7 +140,10 @@ class _Member:
 
 
 def _read_members(archive: zipfile.ZipFile) -> Archive:
-    members = [_read_member(archive, info) for info in archive.infolist() if not info.is_dir()]
+    listed = archive.infolist()
+    if len(listed) > MOST_MEMBERS:
+        raise InputError(f"it has {len(listed)} arrays, and at most {MOST_MEMBERS} are read: write fewer into one file")
+    members = [_read_member(archive, info) for info in listed if not info.is_dir()]
     for name, n in count_repeats(member.name for member in members).items():
         raise InputError(f"it has {n} arrays of the name {name!r}: write each once")
     require_memory(sum(member.n_bytes for member in members if not member.is_pickled))
