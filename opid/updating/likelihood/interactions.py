@@ -347,12 +347,12 @@ def warn_of_pairs(data: BackboneData, model_class: ModelClass, theta: FloatArray
     for clause in describe_lossy(data):
         yield (
             f"in {clause} lie within the resonance of a mode that a harmonic meets, whose losses move the frequency of "
-            "quadrature in a way that the model does not have: do not use the intervals, leave those points out"
+            "quadrature in a way that the model does not have: its intervals may be too narrow, leave those points out"
         )
     for clause in describe_misplaced(data):
         yield (
-            f"{clause}, farther than linear_error allows: the interaction lies elsewhere than in the structure, so do "
-            "not use the intervals; correct the structure, or leave out the points near the interaction"
+            f"{clause}, farther than linear_error allows: the interaction lies elsewhere than in the structure, so no "
+            "interval of it holds; correct the structure, or leave out the points near the interaction"
         )
 
 
