@@ -31,8 +31,8 @@ class UpdatingThresholds:
     most_starts: int = 5  # draws of the prior at which the search for the linear parameters may begin
     unmixed_r_hat: float = 1.1  # R-hat of the linear parameters above which their chains cannot be trusted
     few_sets: int = 4  # number of curves of a mode below which their scatter is a poor estimate
-    # standard deviations by which the updated eigenvalue may miss the mean of the measured ones, and the force of a
-    # mode what the best parameters need
+    # standard deviations by which the updated eigenvalue may miss the mean of the measured ones, the curves of a mode
+    # its linear frequency, and the force of a mode what the best parameters need
     missed_sigma: float = 3.0
     poor_mac: float = 0.8  # MAC of the updated shape with the measured ones below which they are hardly of one mode
     # ratio of the part of the lowest eigenvalues that nonlinearity makes to their other errors

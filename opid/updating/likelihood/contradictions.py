@@ -128,7 +128,7 @@ def _warn_of_frequency(mode: ModeData, fits: Sequence[_CurveFit], noise: NoiseSe
     scatter = max(noise.curve_offset, float(offsets.std(ddof=1)) if offsets.size > 1 else 0.0)
     expected = float(np.hypot(noise.linear_error, scatter / np.sqrt(offsets.size)))
     off = float(offsets.mean())
-    if abs(off) > UPDATING.contradicting_sigma * expected:
+    if abs(off) > UPDATING.missed_sigma * expected:
         yield (
             f"the curves of mode {mode.mode} lie {100 * abs(off):.1f} % {'above' if off > 0 else 'below'} the linear "
             f"frequency of the structure, {mode.linear**0.5 / (2 * np.pi):.4g} Hz, where linear_error allows "
