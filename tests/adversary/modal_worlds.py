@@ -176,7 +176,7 @@ def list_beat_worlds(*, is_searched: bool) -> list[World]:
 
 
 BEAT_WORLDS = list_beat_worlds(is_searched=False) + [
-    replace(each, fails=f"{each.fails}, law searched", is_slow=True) for each in list_beat_worlds(is_searched=True)
+    replace(each, is_slow=True) for each in list_beat_worlds(is_searched=True)
 ]
 
 # ---- free decays ----------------------------------------------------------------------------------------
