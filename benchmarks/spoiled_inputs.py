@@ -192,7 +192,7 @@ def spoil_option(line, words, rng):
     option = rng.choice([*options, None])
     if option is None:
         words[1] = rng.choice([each for each in TEXTS if "\ud800" not in each])
-        return Case(tuple(words), f"argument {words[1]!r}", (group.as_line(words[1]), "there is no file"))
+        return Case(tuple(words), f"argument {words[1]!r}", (group.as_line(words[1])[:60], "there is no file"))
     flag = option.opts[-1]
     is_number = "float" in option.type.name or "int" in option.type.name or option.type.name == "number"
     values = [rng.choice(NUMBERS if is_number or rng.random() < 0.3 else TEXTS) for _ in range(option.nargs)]
