@@ -28,7 +28,7 @@ COMMANDS = {
     "resonance": ("levels", "resonance", "study.toml"),
     "compare": ("flights", "compare", "one", "two"),
     "campaign": ("campaign", "campaign", "fleet.toml", "--workers", "1"),
-    "sense": ("flights", "sense", "taxi/study.toml", "one", "--log", "sensed.csv"),
+    "sense": ("flights", "sense", "taxi/study.toml", "one", "--log", "out/sensed.csv"),
     "wheel": ("flights", "wheel", "driven/study.toml", "one"),
     "plan": ("taxi", "plan", "taxi/study.toml", *PLAN),
 }

@@ -168,7 +168,7 @@ def test_a_result_without_mass_gives_forces_per_unit_of_mass(study, fits):
     [
         ({"interfaces": ("nose",)}, "result is of interface 'nose', and the study has interface 'gear'"),
         ({"kind": "pair", "interfaces": ("gear",)}, "result is of the mean of gear"),
-        ({"names": ("mass",)}, "other parameters than a model of this study"),
+        ({"names": ("mass",)}, "names no 'inverse_mass' among its values"),
     ],
 )
 def test_the_result_of_another_study_is_refused(study, fits, change, words):

@@ -127,9 +127,9 @@ def read_campaign(path: str | os.PathLike[str]) -> CampaignPlan:
             without a name or with that of another; a placeholder without a column: all at once.
     """
     source = Path(path)
-    if source.is_dir():
+    if os.path.isdir(source):
         return CampaignPlan(source.resolve().name, tuple(_find_studies(source)))
-    if not source.exists():
+    if not os.path.exists(source):
         raise InputError(f"there is no campaign file or folder {source}{nearest_beside(source, ('.toml',))}")
     document = load(source)
     if _OF_A_STUDY in document:

@@ -129,7 +129,7 @@ def sense(
         raise click.UsageError("--like and --mass-change say what LOG carries, and no LOG is given: leave them out")
     if like is not None and mass_change_kg is not None:
         raise click.UsageError("--like and --mass-change are both given: give one of them")
-    file = study / "study.toml" if (study / "study.toml").is_file() else study
+    file = study / "study.toml" if os.path.isfile(study / "study.toml") else study
     output = output.reserve(
         ("result.json", "report.html", *([] if written else [LOG_FILE])),
         default=f"{log.stem if log else result_name(file)}_sensors",
@@ -225,7 +225,7 @@ def wheel(study: Path, result: Path, output: Output) -> None:
     from opid.suspensions.study import Study
     from opid.suspensions.wheel.identification import identify_wheel
 
-    file = study / "study.toml" if (study / "study.toml").is_file() else study
+    file = study / "study.toml" if os.path.isfile(study / "study.toml") else study
     output = output.reserve(default=f"{result_name(file)}_wheel")
     with output.progress() as say, output.name_files(file, result):
         fits = read_fits(result)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -205,7 +206,7 @@ def identify(
 
 def _find_study(path: Path) -> Path:
     """Return the study.toml of a directory; any other path as it is."""
-    return path / "study.toml" if (path / "study.toml").is_file() else path
+    return path / "study.toml" if os.path.isfile(path / "study.toml") else path
 
 
 def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:

@@ -14,6 +14,7 @@ at the first fault, and cattrs needs a hook for each plain type.
 from __future__ import annotations
 
 import math
+import os
 import re
 import tomllib
 import types
@@ -70,7 +71,7 @@ def load(source: Path) -> Document:
     Raises:
         InputError: it is missing, or no TOML.
     """
-    if not source.is_file():
+    if not os.path.isfile(source):
         raise InputError(f"there is no study file {source}{nearest_beside(source, ('.toml',))}")
     try:
         return tomllib.loads(read_content(source).decode("utf-8-sig"))

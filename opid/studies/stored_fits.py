@@ -29,7 +29,7 @@ def read_fits(path: str | os.PathLike[str]) -> tuple[StoredFit, ...]:
         InputError: it is missing, no result of `opid identify`, or one of another method or of an older version.
     """
     file = Path(path)
-    file = file / RESULT_FILE if file.is_dir() else file
+    file = file / RESULT_FILE if os.path.isdir(file) else file
     document = load_result(file)
     if "fits" not in document:
         why = "by an older version" if document.get("method") == "model" else f"by --method {document.get('method')}"

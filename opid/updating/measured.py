@@ -316,7 +316,7 @@ def read_backbone(
     [0.0002, 0.001, 0.002]
     """
     source = Path(path)
-    if not source.is_file():
+    if not os.path.isfile(source):
         raise InputError(f"there is no backbone {path}: check the name")
     try:
         called = source.stem if name is None else name

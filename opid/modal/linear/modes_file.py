@@ -54,7 +54,7 @@ def read_modes(path: str | os.PathLike[str]) -> LinearModes:
     kind = source.suffix.lower()
     if kind not in _READERS:
         raise InputError(f"{path} is not a file of modes: give one that ends in .npz, .csv, .uff or .unv")
-    if not source.is_file():
+    if not os.path.isfile(source):
         raise InputError(f"there is no file of modes {path}: check the name")
     try:
         return _READERS[kind](source)

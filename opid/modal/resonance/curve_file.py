@@ -78,7 +78,7 @@ def read_curve(
     ([100.0, 80.0], [1.974, 1.911])
     """
     source = Path(path)
-    if not source.is_file():
+    if not os.path.isfile(source):
         raise InputError(f"there is no response curve {path}: check the name")
     try:
         header, values = read_table(source, ",".join(HEADER))

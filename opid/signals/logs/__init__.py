@@ -109,9 +109,9 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
     file = Path(path)
     _load_formats()
     try:
-        if not file.exists():
+        if not os.path.exists(file):
             raise InputError(f"there is no file {path}{nearest_beside(file, _READERS)}")
-        if not file.is_file():
+        if not os.path.isfile(file):
             raise InputError(f"{path} is a directory or a device, not a log: give the name of one file")
         if file.stat().st_size == 0:
             raise InputError(f"{path} is empty: export the log again")

@@ -180,7 +180,7 @@ def is_dataset(path: Path) -> bool:
 
 def find_dataset(path: Path) -> Path:
     """Return the folder of the dataset: that of a campaign holds it under a name of its own."""
-    return path / DATASET if (path / DATASET).is_dir() else path
+    return path / DATASET if os.path.isdir(path / DATASET) else path
 
 
 def read_dataset(path: str | os.PathLike[str]) -> FleetDataset:

@@ -122,7 +122,7 @@ def _list_files(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], li
     """Return the results, and folders beside them that hold a study without a result."""
     files, unfinished = [], []
     for path in map(Path, paths):
-        if not path.exists():
+        if not os.path.exists(path):
             raise InputError(f"there is no file or folder {path}{nearest_beside(path)}")
         if not path.is_dir():
             files.append(path)

@@ -195,7 +195,7 @@ def _try_to(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
 def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
     import zlib
 
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(f"there is no file {path}: check the name and the folder")
     try:
         return read(path)
@@ -361,7 +361,7 @@ def _is_file(given: object) -> bool:
 
 def _read_labels(path: Path, n_dof: int | None) -> tuple[str, ...]:
     """Return the labels of a text or CSV file; if it has one line too many, the first is a header."""
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(f"there is no file {path}: check the name and the folder")
     try:
         if path.suffix.lower() != ".csv":

@@ -97,8 +97,8 @@ def iso8608_road(
         raise InputError(f"the band is {low} to {high} cycles/m: give two positive numbers, the lower first")
     if not (0.0 < length_m <= _LONGEST_M and 0.0 <= footprint_m < np.inf):
         raise InputError(
-            f"the length of the road is {length_m:g} m, the footprint {footprint_m:g} m: give positive numbers, and a "
-            f"road of at most {_LONGEST_M:g} m (less time, or slower)"
+            f"the length is {length_m} m, the footprint {footprint_m} m: give positive numbers, and a road of at most "
+            f"{_LONGEST_M:g} m (less time, or slower)"
         )
     length_m = max(float(length_m), 10.0 / low)
     n_grid = int(np.ceil(_GRID_POINTS_PER_CYCLE * high * length_m))
@@ -141,7 +141,7 @@ class SpeedProfile:
         if not all(0.0 <= speed <= _FASTEST_M_PER_S for speed in speeds) or not 0.0 < self.duration_s < np.inf:
             raise InputError(
                 f"the speed goes from {speeds[0]} to {speeds[1]} m/s in {self.duration_s} s: give "
-                f"speeds from 0 to {_FASTEST_M_PER_S:g} m/s and a positive duration"
+                f"speeds that are not negative and at most {_FASTEST_M_PER_S:g} m/s, and a positive duration"
             )
 
     def speed_m_per_s(self, time_s: ArrayLike) -> FloatArray:
