@@ -196,7 +196,7 @@ def test_files_that_are_no_result_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"cannot read .*decay/result.json: No such file or directory: check the name"):
         read_study(tmp_path / "study.toml")
     made(tmp_path).write_text("frequency_hz,tip\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"is no JSON \(line 1: Expecting value\): give the result.json of `opid decay`"):
+    with pytest.raises(InputError, match=r"is no JSON \(line 1: Expecting value\): give the result.json"):
         read_study(tmp_path / "study.toml")
     made(tmp_path)
     (tmp_path / "study.toml").write_text(STUDY.replace("mode = 1", 'mode = 1\nunit = "mm"'), encoding="utf-8")
