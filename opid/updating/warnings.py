@@ -13,11 +13,7 @@ from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, ModeData
 from opid.updating.likelihood.curves import describe_failures, describe_points, make_curves, residuals
 from opid.updating.likelihood.force import ForceData
-from opid.updating.likelihood.interactions import (
-    describe_interactions,
-    describe_misplaced,
-    warn_of_pairs,
-)
+from opid.updating.likelihood.interactions import describe_interactions, describe_misplaced, warn_of_pairs
 from opid.updating.likelihood.noise import NoiseSettings
 from opid.updating.model_class import ClassParameter, ModelClass
 from opid.updating.result import BackboneBand, ClassPosterior, LinearPosterior
@@ -202,10 +198,9 @@ def find_fit(data: BackboneData, model_class: ModelClass, best: FloatArray) -> t
 
     It does not where an interaction whose points are kept lies elsewhere than in the structure.
     """
-    is_elsewhere = any(True for _ in describe_misplaced(data))
     bumps = _find_large(find_bumps(data, model_class, best), UPDATING.least_bump)
     return (
-        not (bumps or is_elsewhere or _find_unfit_springs(data, model_class, best)),
+        not (bumps or describe_misplaced(data) or _find_unfit_springs(data, model_class, best)),
         not _find_unfit_dampers(data, model_class, best),
     )
 
