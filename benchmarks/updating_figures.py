@@ -44,6 +44,7 @@ from tqdm import tqdm
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from jointed_systems import CUBIC, two_pylons
 
+from opid.estimate import Estimate
 from opid.mechanics.backbones.family import backbone
 from opid.mechanics.backbones.forced_curves import forced_curve
 from opid.mechanics.backbones.jointed_modes import JointedModes
@@ -96,6 +97,20 @@ EXACT = NoiseSettings(motion_error=0.0)
 HARMONICS = {"paper": (1,), "literal": (1,), "independent": (1, 3), "recommended": (1, 3)}
 
 Figures = dict[str, float]
+
+
+def judge(of: str, estimate: Estimate, true: float) -> Figures:
+    """Whether an estimate has an interval and this holds the truth, and how far it is off."""
+    figures = {
+        f"95 % interval of {of} is given": float(estimate.interval95 is not None),
+        f"error of {of}, %": 100 * (estimate.value / true - 1),
+    }
+    if estimate.interval95 is not None:
+        figures[f"95 % interval of {of} holds"] = float(estimate.holds(true))
+        figures[f"standard deviation of {of}, %"] = 100 * estimate.std / true
+    return figures
+
+
 SYSTEMS: dict[tuple[float, ...], JointedModes] = {}
 
 
@@ -198,10 +213,8 @@ def gains(seed: int, errors: str, second: str) -> Figures:
     (estimate,) = found.estimates.values()
     mean, alone = found.chain.pooled.mean(), found.chain.pooled.std()
     return {
-        "95 % interval holds": float(estimate.holds(THETA)),
+        **judge("theta", estimate, THETA),
         "it would hold without the calibration": float(abs(mean - THETA) < 1.96 * alone),
-        "error of theta, %": 100 * (estimate.value / THETA - 1),
-        "standard deviation of theta, %": 100 * estimate.std / THETA,
     }
 
 
@@ -224,10 +237,7 @@ def coverage_study(seed: int, form: str, errors: str, linear: str) -> Figures:
     true = {**drawn(seed, linear)[1], "theta": THETA}
     figures = {}
     for name, estimate in {**found.linear.estimates, "theta": found.classes[0].estimates["theta_1"]}.items():
-        low, high = estimate.interval95
-        figures[f"95 % interval of {name} holds"] = float(low <= true[name] <= high)
-        figures[f"error of {name}, %"] = 100 * (estimate.value / true[name] - 1)
-        figures[f"standard deviation of {name}, %"] = 100 * estimate.std / true[name]
+        figures |= judge(name, estimate, true[name])
     return figures
 
 
@@ -251,9 +261,7 @@ def pylons(seed: int, errors: str) -> Figures:
         "log evidence above the next": found[0].log_evidence - second,
     }
     for name, estimate, true in zip(("cubic", "quadratic"), found[0].estimates.values(), PYLONS, strict=True):
-        figures[f"95 % interval of the {name} one holds"] = float(estimate.holds(true))
-        figures[f"error of the {name} one, %"] = 100 * (estimate.value / true - 1)
-        figures[f"standard deviation of the {name} one, %"] = 100 * estimate.std / true
+        figures |= judge(f"the {name} one", estimate, true)
     return figures
 
 
@@ -279,9 +287,7 @@ def slip(seed: int, errors: str) -> Figures:
     }
     values = {"cubic spring": THETA, "slip force": 1.0, "travel": 1.0, "spread": SLIDERS[2], "jump": SLIDERS[3]}
     for (name, value), estimate in zip(values.items(), own.estimates.values(), strict=True):
-        figures[f"95 % interval of the {name} holds"] = float(estimate.holds(value))
-        figures[f"error of the {name}, %"] = 100 * (estimate.value / value - 1)
-        figures[f"standard deviation of the {name}, %"] = 100 * estimate.std / value
+        figures |= judge(f"the {name}", estimate, value)
     return figures
 
 
@@ -366,9 +372,7 @@ def joint(seed: int, errors: str, linear: str) -> Figures:
         "standard deviation of the log evidence": found.evidences[0].std,
     }
     for name, each, estimate in zip(true, found.model_class.parameters, found.estimates.values(), strict=True):
-        figures[f"95 % interval of {each.key} holds"] = float(estimate.holds(true[name]))
-        figures[f"error of {each.key}, %"] = 100 * (estimate.value / true[name] - 1)
-        figures[f"standard deviation of {each.key}, %"] = 100 * estimate.std / true[name]
+        figures |= judge(each.key, estimate, true[name])
     return figures
 
 
@@ -491,10 +495,7 @@ def damping(seed: int) -> Figures:
         ("cubic spring", "linear damper", "quadratic damper", "damping ratio of mode 7", "damping ratio of mode 8"),
         found.classes[0].coefficients.items(), true, strict=True,
     ):  # fmt: skip
-        own = value * parameter.scale
-        figures[f"95 % interval of the {each} holds"] = float(estimate.holds(own))
-        figures[f"error of the {each}, %"] = 100 * (estimate.value / own - 1)
-        figures[f"standard deviation of the {each}, %"] = 100 * estimate.std / own
+        figures |= judge(f"the {each}", estimate, value * parameter.scale)
     return figures
 
 
@@ -555,12 +556,10 @@ def interaction(seed: int, structure: str, elsewhere: float = 0.0) -> Figures:
     for name, data in sets.items():
         found = update_class(data, model_class, rng=np.random.default_rng(seed), n_samples=2200)
         (estimate,) = found.estimates.values()
-        width[name] = estimate.std
-        told = any("do not use" in each or "leave those points out" in each for each in found.warnings)
-        figures[f"95 % interval holds, {name}"] = float(estimate.holds(theta))
+        width[name] = estimate.std or np.nan
+        told = any("no interval" in each or "leave those points out" in each for each in found.warnings)
+        figures |= judge(f"theta, {name}", estimate, theta)
         figures[f"it holds or the points are told, {name}"] = float(told or estimate.holds(theta))
-        figures[f"error of theta, {name}, %"] = 100 * (estimate.value / theta - 1)
-        figures[f"standard deviation of theta, {name}, %"] = 100 * estimate.std / theta
     return figures | {"width of the interval, paired over left out": width["paired"] / width["left out"]}
 
 
@@ -583,12 +582,7 @@ def forced(seed: int, name: str) -> Figures:
         hz, amplitude = curve.resonance
         hz = np.sqrt(hz**2 + shift[each.mode] / (4 * np.pi**2))
         for what, true, estimate in (("frequency", hz, each.peak_hz), ("amplitude", amplitude, each.peak_amplitude)):
-            of = f"{what} of mode {each.mode}"
-            figures[f"95 % interval of the {of} is given"] = float(estimate.interval95 is not None)
-            figures[f"error of the {of}, %"] = 100 * (estimate.value / true - 1)
-            if estimate.interval95 is not None:
-                figures[f"95 % interval of the {of} holds"] = float(estimate.holds(true))
-                figures[f"standard deviation of the {of}, %"] = 100 * estimate.std / true
+            figures |= judge(f"the {what} of mode {each.mode}", estimate, true)
         figures[f"mode {each.mode} is told to be extrapolated"] = float(each.is_extrapolated)
     return figures
 
