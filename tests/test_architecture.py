@@ -69,7 +69,7 @@ OUTER = [
 ]
 ROOMS = (ESTIMATOR, PAPER, BENCH, FLIGHTS, SENSING, WHEEL, *WHOLE, *OUTER)
 MOST_FILES = 18
-MOST_FILES_OF_ALL = 354  # lower it whenever there are fewer
+MOST_FILES_OF_ALL = 357  # lower it whenever there are fewer
 MOST_LINES_TWICE = 5
 # `import opid` names everything and loads nothing; `python -m opid` is the command.
 MAY_IMPORT["__init__"] = GROUND

@@ -108,9 +108,9 @@ def test_the_options_of_identify_reach_the_result(field_test, tmp_path):
 @pytest.mark.usefixtures("few_figures")
 def test_the_result_is_called_after_the_study(field_test, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert cli.group.result_name(Path("runs/study.toml")) == "runs"
-    assert cli.group.result_name(Path("study.toml")) == tmp_path.name
-    assert cli.group.result_name(Path("runs/autumn.toml")) == "autumn"
+    assert cli.output.result_name(Path("runs/study.toml")) == "runs"
+    assert cli.output.result_name(Path("study.toml")) == tmp_path.name
+    assert cli.output.result_name(Path("runs/autumn.toml")) == "autumn"
     opid("identify", field_test / "study.toml")
     assert [path.name for path in tmp_path.iterdir()] == [f"{field_test.name}_result"]
 

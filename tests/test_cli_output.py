@@ -145,7 +145,7 @@ def test_what_is_not_determined_is_shown_as_json_too(field_test, tmp_path):
 LONG = "a step with a long name, " * 20
 STEPS = f"""
 import sys, time
-from opid.cli.group import progress
+from opid.cli.output import progress
 from opid.progress import Step
 with progress(quiet="quiet" in sys.argv) as say:
     say("law search")
@@ -162,7 +162,7 @@ print("done", file=sys.stderr)
 """
 SERIES = """
 import time
-from opid.cli.group import progress
+from opid.cli.output import progress
 from opid.progress import Step
 with progress() as say:
     for number in range(3):

@@ -27,7 +27,8 @@ from opid.json_values import json_text
 from opid.mechanics.laws.kinds import LAWS
 from opid.plots.charts.figure import build_chart
 from opid.plots.modes import mode_indicators
-from opid.plots.style import LACKING, PlainPowers, find_written_text, format_units, house_style, panels, png, shorten
+from opid.plots.style import format_units, house_style, panels, png
+from opid.plots.texts import LACKING, PlainPowers, find_written_text, shorten
 from opid.report.as_text import lay_out_text
 from opid.report.document import Column, Document, Figure, Paragraph, Table
 from opid.report.formulas import embed_formula, write_html

@@ -18,7 +18,8 @@ from small_logs import ended_after
 from test_cli_output import GIVEN, WRITING
 
 from opid.campaigns.campaign_file import read_campaign
-from opid.cli.group import Output, _end_cleanly
+from opid.cli.group import _end_cleanly
+from opid.cli.output import Output
 from opid.errors import InputError
 from opid.signals import files
 from opid.signals.files import require_directory, reserve_directory, write_together, write_whole

@@ -577,7 +577,7 @@ def test_a_verbose_command_shows_the_traceback(monkeypatch, tmp_path):
     assert "KeyError: 'end'" in done.stderr
 
 
-@pytest.mark.parametrize("place", ["opid.cli.group.Output.reserve", "opid.signals.log.LogSettings"])
+@pytest.mark.parametrize("place", ["opid.cli.output.Output.reserve", "opid.signals.log.LogSettings"])
 def test_a_traceback_is_shown_once_wherever_the_error_is_raised(place, monkeypatch, tmp_path):
     """It was shown only while steps were shown."""
 

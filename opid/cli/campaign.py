@@ -8,7 +8,9 @@ from pathlib import Path
 
 import click
 
-from opid.cli.group import PATH, NotDetermined, Number, Output, example, main, out_option, result_name, with_output
+from opid.cli.group import NotDetermined, main
+from opid.cli.options import PATH, Number, example, out_option
+from opid.cli.output import Output, result_name, with_output
 from opid.errors import InputError
 
 

@@ -8,18 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from opid.cli.group import (
-    PATH,
-    REPORT,
-    BadInput,
-    Output,
-    example,
-    main,
-    out_option,
-    time_unit_option,
-    unit_option,
-    with_output,
-)
+from opid.cli.group import BadInput, main
+from opid.cli.options import PATH, example, out_option, time_unit_option, unit_option
+from opid.cli.output import REPORT, Output, with_output
 from opid.errors import InputError, escape_invisible
 from opid.progress import Say, Step
 

@@ -11,20 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import (
-    PATH,
-    REPORT,
-    Output,
-    Unit,
-    channel_units_option,
-    example,
-    main,
-    out_option,
-    result_name,
-    time_unit_option,
-    truth_option,
-    with_output,
-)
+from opid.cli.group import main
+from opid.cli.options import PATH, Unit, channel_units_option, example, out_option, time_unit_option, truth_option
+from opid.cli.output import REPORT, Output, result_name, with_output
 from opid.errors import InputError, NotDeterminedError
 from opid.modal.settings import MODAL
 from opid.progress import Say

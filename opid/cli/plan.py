@@ -6,7 +6,9 @@ from pathlib import Path
 
 import click
 
-from opid.cli.group import PATH, Number, Output, example, main, out_option, result_name, with_output
+from opid.cli.group import main
+from opid.cli.options import PATH, Number, example, out_option
+from opid.cli.output import Output, result_name, with_output
 
 
 @main.command(epilog=example("opid plan guess.toml --target sprung_mass=0.5%"))

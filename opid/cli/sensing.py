@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import PATH, Number, Output, example, main, out_option, result_name, with_output
+from opid.cli.group import main
+from opid.cli.options import PATH, Number, example, out_option
+from opid.cli.output import Output, result_name, with_output
 from opid.errors import InputError
 
 if TYPE_CHECKING:

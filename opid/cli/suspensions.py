@@ -9,21 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import (
+from opid.cli.group import main
+from opid.cli.options import (
     PATH,
     Number,
     OfWords,
-    Output,
     channel_units_option,
     example,
-    main,
     out_option,
-    result_name,
     time_unit_option,
     truth_option,
     unit_option,
-    with_output,
 )
+from opid.cli.output import Output, result_name, with_output
 from opid.errors import InputError
 from opid.progress import Say
 from opid.suspensions.sensor_facts import USUAL_GAIN_TOLERANCE, USUAL_LAG_TOLERANCE_S

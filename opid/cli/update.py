@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import PATH, Output, example, main, out_option, result_name, truth_option, with_output
+from opid.cli.group import main
+from opid.cli.options import PATH, example, out_option, truth_option
+from opid.cli.output import Output, result_name, with_output
 from opid.errors import InputError, list_names
 
 if TYPE_CHECKING:

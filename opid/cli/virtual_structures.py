@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from opid.cli.group import PATH, Output, example, seed_option, with_files
+from opid.cli.options import PATH, example, seed_option
+from opid.cli.output import Output, with_files
 from opid.cli.virtual_tests import STUDY_FILES, simulate
 from opid.progress import Say
 

@@ -10,16 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from opid.cli.group import (
-    PATH,
-    REPORT,
-    Output,
-    example,
-    main,
-    seed_option,
-    with_files,
-    with_output,
-)
+from opid.cli.group import main
+from opid.cli.options import PATH, example, seed_option
+from opid.cli.output import REPORT, Output, with_files, with_output
 
 if TYPE_CHECKING:
     from opid.mechanics.laws.law import Law

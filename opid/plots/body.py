@@ -20,7 +20,6 @@ from opid.plots.style import (
     GREEN,
     GREY,
     INK,
-    LONGEST_NAMES,
     PALE,
     SHADED,
     SKY,
@@ -40,11 +39,11 @@ from opid.plots.style import (
     panels_in_rows,
     plain_numbers,
     require_answer,
-    shorten,
     smooth_lines,
     thicken,
     write_note,
 )
+from opid.plots.texts import LONGEST_NAMES, shorten
 from opid.suspensions.answer.model_error import LeftOutSpectrum
 from opid.suspensions.result import BodyRatios, Candidate, Identification, InterfaceEstimate, RunResidual
 

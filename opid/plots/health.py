@@ -28,9 +28,9 @@ from opid.plots.style import (
     house_style,
     panels,
     panels_in_rows,
-    shorten,
     write_note,
 )
+from opid.plots.texts import shorten
 from opid.signals.health.result import ChannelHealth, Health, Overview, SpectralLine, Stretch
 
 WIDTH_IN = 12.0

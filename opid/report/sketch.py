@@ -11,7 +11,8 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from opid.estimate import Estimate, format_number, format_percent, with_std
-from opid.plots.style import format_law, format_units, shorten
+from opid.plots.style import format_law, format_units
+from opid.plots.texts import shorten
 from opid.report.document import Sketch
 from opid.suspensions.result import GearParameters, GearRatios, Identification, InterfaceEstimate, units_of_suspensions
 

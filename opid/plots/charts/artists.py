@@ -50,7 +50,7 @@ from opid.plots.charts.looks import (
     is_clear,
     join_lines,
 )
-from opid.plots.style import find_written_text, shorten
+from opid.plots.texts import find_written_text, shorten
 
 # no text of a chart is smaller
 _LEAST_FONT_PX = 10.0

@@ -16,7 +16,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from opid.plots.charts.artists import Panel, add_artist
 from opid.plots.charts.looks import Json, describe_handle, format_bold, format_color, format_html
 from opid.plots.charts.surfaces import add_surfaces
-from opid.plots.style import NamedTicks, find_written_text
+from opid.plots.texts import NamedTicks, find_written_text
 
 Domain = tuple[list[float], list[float]]
 """From where to where a panel reaches, as fractions of the width and of the height."""
