@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,19 +31,28 @@ from opid.suspensions.result import GasColumn
 from opid.suspensions.sensor_facts import USUAL_LAG_TOLERANCE_S
 
 
+class CalibrationName(StrEnum):
+    """What nobody knows exactly about the channels of a bench."""
+
+    FORCE_GAIN = "force gain"
+    TRAVEL_GAIN = "travel gain"
+    VELOCITY_GAIN = "velocity gain"
+    LAG = "lag"
+    MASS = "mass"
+
+
 @dataclass(frozen=True)
 class CalibrationError:
     """One thing that nobody knows exactly about the channels of a bench.
 
     Args:
-        name: "force gain", "travel gain", "velocity gain", "lag" of the force, or "mass" between force cell and
-            specimen.
+        name: a gain, the lag of the force, or the mass between force cell and specimen.
         unit: its unit, "1" for a fraction.
         tolerance: its standard deviation as it was stated.
         found: what the tolerance and the record tell of it together; it is not corrected.
     """
 
-    name: str
+    name: CalibrationName
     unit: str
     tolerance: float
     found: Estimate
@@ -167,7 +177,7 @@ def _norms(columns: FloatArray) -> FloatArray:
 class _Unknown:
     """An unknown of the calibration: its name, unit and tolerance, and (n,) what it adds to the force for each unit."""
 
-    name: str
+    name: CalibrationName
     unit: str
     tolerance: float
     column: FloatArray
@@ -185,13 +195,13 @@ def _list_unknowns(bench: Bench, refined: SimulatedFit | None, known: Calibratio
         mass_kg = known.mass_per_force * float(np.abs(bench.force[samples] - np.mean(bench.force[samples])).max())
     # A motion that is simulated from a late force is late itself.
     late = -rate_of(bench.force, fs=bench.fs)[0] if refined is None else bench.velocity
-    found = [_Unknown("lag", "s", lag_s, late[samples])]
+    found = [_Unknown(CalibrationName.LAG, "s", lag_s, late[samples])]
     if refined is None and bench.mass_kg is None:
-        found.append(_Unknown("mass", "kg", mass_kg, rate_of(bench.velocity, fs=bench.fs)[0][samples]))
+        found.append(_Unknown(CalibrationName.MASS, "kg", mass_kg, rate_of(bench.velocity, fs=bench.fs)[0][samples]))
     return [each for each in found if each.tolerance > 0.0]
 
 
-def _count_powers(bench: Bench, fit: SeparableFit) -> dict[str, FloatArray]:
+def _count_powers(bench: Bench, fit: SeparableFit) -> dict[CalibrationName, FloatArray]:
     """Return by which power each parameter goes with the gain of force, travel and velocity, from its unit.
 
     A velocity that was differentiated has the gain of the travel. The values of memories at the start are left out.
@@ -202,9 +212,14 @@ def _count_powers(bench: Bench, fit: SeparableFit) -> dict[str, FloatArray]:
         own = {p.name: value for p, value in zip(term.kind.parameters, term.values, strict=True)}
         powers += [_read_powers(parameter.unit, own.get("exponent", 1.0)) for parameter in term.kind.parameters]
     table = np.array(powers)
+    force, travel, velocity = table.T
     if bench.channels.get("velocity") is None:
-        return {"force gain": table[:, 0], "travel gain": table[:, 1] + table[:, 2]}
-    return {"force gain": table[:, 0], "travel gain": table[:, 1], "velocity gain": table[:, 2]}
+        return {CalibrationName.FORCE_GAIN: force, CalibrationName.TRAVEL_GAIN: travel + velocity}
+    return {
+        CalibrationName.FORCE_GAIN: force,
+        CalibrationName.TRAVEL_GAIN: travel,
+        CalibrationName.VELOCITY_GAIN: velocity,
+    }
 
 
 def _read_powers(unit: str, exponent: float) -> tuple[float, float, float]:
@@ -228,11 +243,12 @@ def _read_powers(unit: str, exponent: float) -> tuple[float, float, float]:
 def warn_of_calibration(calibration: Sequence[CalibrationError], known: CalibrationSettings) -> Iterator[str]:
     """Yield a sentence for a lag and for a mass that the record shows beyond what was believed of it."""
     remedies = {
-        "lag": "the force comes {value:.2g} s after the motion (standard deviation {std:.1g} s): the intervals allow "
-        "for it, and no value is corrected; sample both channels at once with the same filters, or shift the force",
-        "mass": "the force follows the acceleration like that of {value:.2g} kg (standard deviation {std:.1g} kg) "
-        "between force cell and specimen: the intervals allow for it, and no value is corrected; give moving_mass = "
-        "true (--moving-mass), by which the mass is found",
+        CalibrationName.LAG: "the force comes {value:.2g} s after the motion (standard deviation {std:.1g} s): the "
+        "intervals allow for it, and no value is corrected; sample both channels at once with the same filters, or "
+        "shift the force",
+        CalibrationName.MASS: "the force follows the acceleration like that of {value:.2g} kg (standard deviation "
+        "{std:.1g} kg) between force cell and specimen: the intervals allow for it, and no value is corrected; give "
+        "moving_mass = true (--moving-mass), by which the mass is found",
     }
     for each in calibration:
         value, std = each.found.value or 0.0, each.found.std or 0.0
