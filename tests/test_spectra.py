@@ -95,8 +95,9 @@ def test_noise_floor_sees_through_a_resonance():
         ({"nperseg": 10**6}, "no longer than the run"),
         ({"nperseg": 256, "noverlap": 256}, "below nperseg"),
         ({"estimator": "H3"}, "did you mean|known are"),
+        ({"fs": 5e-4}, "unit of the time"),
     ],
 )
 def test_bad_settings_are_named(settings, said):
     with pytest.raises(InputError, match=said):
-        transmissibility(np.zeros(1000), np.zeros(1000), fs=FS, **settings)
+        transmissibility(np.zeros(1000), np.zeros(1000), **({"fs": FS} | settings))

@@ -112,6 +112,16 @@ def clip(column: int, fraction: float) -> Change:
     return change
 
 
+def add_mass(force: int, drive: int, kg: float) -> Change:
+    """Return the change that a mass makes which moves with the structure behind the force cell."""
+
+    def change(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        samples[:, force] += kg * samples[:, drive]
+        return samples
+
+    return change
+
+
 def hum(fraction: float, hz: float) -> Change:
     """Return the change that adds a steady line to all accelerations."""
 
@@ -152,6 +162,7 @@ def list_beat_worlds(*, is_searched: bool) -> list[World]:
             modes=replace(FOUR, shapes=FOUR.shapes * 1.02**0.5),
         ),
         world("force 2 % off", scale([0], 0.98)),
+        world("a mass behind the force cell, 5 % of the modal mass", add_mass(0, 1, 0.05 / FOUR.shapes[0, 2] ** 2)),
         world("accelerations a sample late", delay(slice(1, None), 1.0)),
         world("force a sample late", delay(slice(0, 1), 1.0)),
         world("two sensors exchanged", exchange(1, 3)),
@@ -305,12 +316,32 @@ def exchange_shapes(study: ModalStudy) -> ModalStudy:
     return replace(study, modes=modes, tests=tests)
 
 
+def load_force_cell(study: ModalStudy, share: float) -> ModalStudy:
+    """Return the study with a mass behind the force cell, given as a fraction of the modal mass."""
+    drive, number = study.drive_point, study.tests[0].mode
+    (at,) = np.flatnonzero(np.array(study.modes.sensors) == drive)
+    kg = share / study.modes.shapes[at, number - 1] ** 2
+
+    def of_samples(samples: np.ndarray, record: object) -> np.ndarray:
+        index = record.index  # type: ignore[attr-defined]
+        return add_mass(index(FORCE), index(drive), kg)(samples, np.random.default_rng(0))
+
+    return with_samples(study, of_samples)
+
+
 RESONANCE_WORLDS = [
     resonance_world("none", lambda study: study),
     resonance_world("polarity of the force reversed", at_columns(scale([0], -1.0), is_force=True)),
     resonance_world("accelerations 2 % off", at_columns(scale(slice(None), 1.02), is_force=False)),
     resonance_world("force 2 % off", at_columns(scale([0], 1.02), is_force=True)),
     resonance_world("force turned by 5 degrees", lambda study: with_force_turned(study, 5.0)),
+    *(
+        resonance_world(
+            f"a mass behind the force cell, {percent:g} % of the modal mass",
+            lambda study, percent=percent: load_force_cell(study, percent / 100),
+        )
+        for percent in (0.4, 2)
+    ),
     resonance_world("accelerations a sample late", at_columns(delay(slice(None), 1.0), is_force=False)),
     resonance_world("the loop is 5 degrees off", lambda study: study, phase_error_deg=-5.0),
     resonance_world("a neighbour is not among the shapes", with_mode_unknown),
