@@ -159,10 +159,10 @@ def cross_spectra(
     n_samples = samples.shape[0]
     block = min(round(8 * fs), n_samples) if nperseg is None else int(nperseg)
     overlap = block // 2 if noverlap is None else int(noverlap)
-    if nperseg is None and block < 2 <= n_samples:
+    if block < 2 <= n_samples:
         raise InputError(
-            f"a sampling rate of {fs:.3g} Hz leaves no two samples in a block of 8 s: check the rate and the unit of the "
-            "time (time_unit in [log]), or give nperseg"
+            f"a block of the spectra has {block} samples at a rate of {fs:.3g} Hz: check the rate and the unit of the time "
+            "(time_unit in [log]), or give longer blocks"
         )
     if not 2 <= block <= n_samples:
         raise InputError(
