@@ -161,8 +161,8 @@ def cross_spectra(
     overlap = block // 2 if noverlap is None else int(noverlap)
     if block < 2 <= n_samples:
         raise InputError(
-            f"a block of the spectra has {block} samples at a rate of {fs:.3g} Hz: check the rate and the unit of the time "
-            "(time_unit in [log]), or give longer blocks"
+            f"a block of the spectra has {block} samples at a rate of {fs:.3g} Hz: check the rate and the unit of the "
+            "time (time_unit in [log]), or give longer blocks"
         )
     if not 2 <= block <= n_samples:
         raise InputError(
