@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given, strategies as st
 
-from opid.signals.clock import ClockError, uniform_clock
+from opid.signals.clock import ClockError, reconstructed_clock, uniform_clock
+from opid.signals.stamps import at_equal_steps
 
 N = 4096
 
@@ -85,6 +86,17 @@ def test_repeated_and_decreasing_stamps():
     with pytest.raises(ClockError, match=r"goes back from 0\.998.* s to 0 s") as caught:
         uniform_clock(np.tile(np.arange(512) / 512, 2))
     assert caught.value.sample == 512
+
+
+def read_at_equal_steps(stamps):
+    return at_equal_steps(np.zeros((stamps.size, 1)), stamps)
+
+
+@pytest.mark.parametrize("read", [uniform_clock, reconstructed_clock, read_at_equal_steps])
+@pytest.mark.parametrize("step_s", [1e-320, 1e-40, 1e8])
+def test_steps_that_no_recorder_makes_name_the_unit_of_the_time(read, step_s):
+    with pytest.raises(ClockError, match="check its unit"):
+        read(np.arange(N) * step_s)
 
 
 def test_a_wandering_rate_is_refused():

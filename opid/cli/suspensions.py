@@ -22,7 +22,7 @@ from opid.cli.options import (
     unit_option,
 )
 from opid.cli.output import Output, result_name, with_output
-from opid.errors import InputError
+from opid.errors import InputError, list_names
 from opid.progress import Say
 from opid.suspensions.sensor_facts import USUAL_GAIN_TOLERANCE, USUAL_LAG_TOLERANCE_S
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW
@@ -229,6 +229,7 @@ def _refuse_beside_study(study: Path, options: Sequence[str]) -> None:
 def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Say) -> Study:
     from opid.signals.files import nearest_beside
     from opid.signals.log import LogSettings
+    from opid.signals.logs import open_log
     from opid.signals.spectra import TransmissibilitySettings
     from opid.studies.study_file import read_study
     from opid.studies.suspension_study import study_from_logs
@@ -247,9 +248,9 @@ def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Say) -> S
         for path in paths:
             if not path.exists():
                 raise InputError(f"there is no file or directory {path}{nearest_beside(path)}")
+        known = list_names(map(repr, open_log(paths[0]).names))
         raise click.UsageError(
-            "name the channels of the logs: --sprung NAME --unsprung NAME (`opid inspect LOG` lists them), or give a "
-            "study file"
+            f"name the channels of the logs, of {known}: --sprung NAME --unsprung NAME, or give a study file"
         )
     title = " and ".join(path.name for path in paths)
     return study_from_logs(
@@ -332,6 +333,7 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
     A study file with a table [bench] says all of this itself.
     """
     from opid.report.suspensions.bench import write_command
+    from opid.signals.logs import open_log
     from opid.studies.bench_study import bench_study_from_log
     from opid.studies.study_file import read_study
     from opid.suspensions.bench.law import law_of_bench
@@ -346,9 +348,9 @@ def law(bench: Path, units: tuple[tuple[str, str], ...], time_unit: str | None, 
     if is_study:
         _refuse_beside_study(bench, options)
     elif not {"force", "travel"} <= given.keys():
+        known = list_names(map(repr, open_log(bench).names))
         raise click.UsageError(
-            "name the channels of the log: --force-channel NAME --travel-channel NAME (`opid inspect LOG` lists them), "
-            "or give a study"
+            f"name the channels of the log, of {known}: --force-channel NAME --travel-channel NAME, or give a study"
         )
     output = output.reserve()
     with output.progress() as say, output.name_files(bench):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from opid.errors import InputError
 from opid.signals.log import Log, Track
-from opid.signals.recording import FloatArray
+from opid.signals.recording import LARGEST_RATE_HZ, LEAST_RATE_HZ, FloatArray
 from opid.signals.units import si_unit, time_name
 
 JITTER_LIMIT = 0.02
@@ -78,7 +78,7 @@ def uniform_clock(stamps: ArrayLike) -> Clock:
     """
     time_s = np.asarray(stamps, dtype=np.float64)
     steps = np.diff(time_s)
-    _require_forward(time_s, steps, may_repeat=False)
+    require_clock(time_s, may_repeat=False)
     resolution_s = resolution_of(time_s)
     float_noise = 4 * float(np.spacing(np.abs(time_s).max()))
 
@@ -123,9 +123,7 @@ def reconstructed_clock(stamps: ArrayLike) -> Clock:
     """
     time_s = np.asarray(stamps, dtype=np.float64)
     steps = np.diff(time_s)
-    _require_forward(time_s, steps, may_repeat=True)
-    if time_s[-1] == time_s[0]:
-        raise ClockError(f"all stamps are {time_s[0]:.9g} s: state the rate (fs_hz in [log])", 0)
+    require_clock(time_s, may_repeat=True)
     usual = float(time_s[-1] - time_s[0]) / (time_s.size - 1)
     longest_s = longest_usual_step(steps, usual)
     rows_a_bin = max(1, time_s.size // 1000)
@@ -213,22 +211,37 @@ def plain_number(value: float, uncertainty: float) -> float:
     return value
 
 
-def _require_forward(time_s: FloatArray, steps: FloatArray, *, may_repeat: bool) -> None:
+def require_clock(time_s: FloatArray, *, may_repeat: bool) -> None:
+    """Refuse time stamps that no clock of a recorder makes.
+
+    Raises:
+        ClockError: a stamp that goes back, stamps that are all equal, a mean rate beyond that of any recorder, or a
+            stamp that stands twice where none `may_repeat`.
+    """
+    steps = np.diff(time_s)
     wrong = steps < 0 if may_repeat else steps <= 0
-    if not wrong.any():
-        return
-    sample = int(np.argmax(wrong)) + 1
-    if steps[sample - 1] == 0:
+    if wrong.any():
+        sample = int(np.argmax(wrong)) + 1
+        if steps[sample - 1] == 0:
+            raise ClockError(
+                f"the time {time_s[sample]:.9g} s stands twice in a row ({int((steps == 0).sum())} such pair(s) in the "
+                "log): remove the repeated samples, or write the time with more digits",
+                sample,
+            )
         raise ClockError(
-            f"the time {time_s[sample]:.9g} s stands twice in a row ({int((steps == 0).sum())} such pair(s) in the "
-            "log): remove the repeated samples, or write the time with more digits",
+            f"the time goes back from {time_s[sample - 1]:.9g} s to {time_s[sample]:.9g} s: "
+            "put the samples in order, or split the log here if two were joined",
             sample,
         )
-    raise ClockError(
-        f"the time goes back from {time_s[sample - 1]:.9g} s to {time_s[sample]:.9g} s: "
-        "put the samples in order, or split the log here if two were joined",
-        sample,
-    )
+    if not (steps > 0).any():
+        raise ClockError(f"all stamps are {time_s[0]:.9g} s: state the rate (fs_hz in [log])", 0)
+    usual_s = float(time_s[-1] - time_s[0]) / steps.size
+    if not 1 / LARGEST_RATE_HZ <= usual_s <= 1 / LEAST_RATE_HZ:
+        raise ClockError(
+            f"the time goes on by {usual_s:.3g} s a sample, and that of a recorder by {1 / LARGEST_RATE_HZ:g} to "
+            f"{1 / LEAST_RATE_HZ:g} s: check its unit (time_unit in [log])",
+            0,
+        )
 
 
 def _describe_irregular(time_s: FloatArray, steps: FloatArray, resolution_s: float) -> ClockError:

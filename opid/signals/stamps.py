@@ -19,6 +19,7 @@ from opid.signals.clock import (
     line_without_stalls,
     longest_usual_step,
     plain_number,
+    require_clock,
     resolution_of,
     sum_bins,
 )
@@ -136,7 +137,7 @@ def at_equal_steps(
         settings: how the stamps are judged.
 
     Raises:
-        ClockError: a decreasing stamp, or a gap of more than two rows.
+        ClockError: as `require_clock`, or a gap of more than two rows.
 
     >>> rng = np.random.default_rng(0)
     >>> times = np.arange(4000) / 200 + 2e-4 * rng.standard_normal(4000)
@@ -147,16 +148,8 @@ def at_equal_steps(
     ('own times', 'equal steps')
     """
     time_s = np.asarray(stamps, dtype=np.float64)
+    require_clock(time_s, may_repeat=True)
     steps = np.diff(time_s)
-    if (steps < 0).any():
-        row = int(np.argmax(steps < 0)) + 1
-        raise ClockError(
-            f"the time goes back from {time_s[row - 1]:.9g} s to {time_s[row]:.9g} s: put the samples in order, or "
-            "split the log here if two were joined",
-            row,
-        )
-    if not (steps > 0).any():
-        raise ClockError(f"all stamps are {time_s[0]:.9g} s: state the rate (fs_hz in [log])", 0)
     rows = _count_rows(time_s, settings)
     n_rows = int(rows[-1]) + 1
     bridged = n_rows - rows.size
