@@ -204,10 +204,10 @@ def read_decays(path: Path, logs: Sequence[Path], say: Say) -> Decays:
     if found is not MODAL_TESTS:
         raise InputError(f"{path} is a study of {found.subject}: give one of modal tests, which has a table [modes]")
     study, faults = read_tables(_Study, document)
+    refuse(faults, path)
     inside, beside = study.split_settings()
     if "gain_tolerance" in inside and "gain_tolerance" in beside:
-        faults.append("'gain_tolerance' stands in [modes] and beside it: give it once")
-    refuse(faults, path)
+        raise InputError(f"{path}: 'gain_tolerance' stands in [modes] and beside it: give it once")
     stated: dict[str, Any] = {"gain_tolerance": study.gain_tolerance} | beside | inside
     modes, channels = read_modes(path.parent / study.modes.file), _read_channels(study)
     tests = []

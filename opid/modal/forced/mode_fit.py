@@ -212,6 +212,11 @@ def fit_mode(
         raise InputError(
             f'no test with use = "fit" moves mode {mode} more than the other modes: give one, or free decays of it'
         )
+    if idle := [test.name for test in tests if not test.modal_force(mode).any()]:
+        raise InputError(
+            f"no force of the test {idle[0]!r} drives mode {mode}: the force is zero, or the shape of the mode is zero "
+            "at the drive point; drive the mode elsewhere, or leave the test out"
+        )
     band = _choose_band(tests, mode, taper_s) if band_hz is None else band_hz
     lines = [mode_lines(test, mode, band, taper_s=taper_s) for test in tests]
     checks = [check_test(test, own, mode, band, taper_s) for test, own in zip(tests, lines, strict=True)]

@@ -13,7 +13,7 @@ from opid.errors import InputError, count_repeats, list_names, nearest
 from opid.mechanics.structure import Structure, natural_frequencies
 from opid.modal.settings import MODAL
 from opid.signals.motion import DERIVATIVES, differentiate
-from opid.signals.recording import Channel, FloatArray, Recording, has_usual_size
+from opid.signals.recording import LEAST_SIZE, Channel, FloatArray, Recording, has_usual_size
 
 ACCELERATION, STRAIN_ACCELERATION = "m/s^2", "strain/s^2"  # units of the second derivatives of what sensors read
 
@@ -71,8 +71,9 @@ class LinearModes:
         object.__setattr__(self, "sensors", tuple(self.sensors))
         object.__setattr__(self, "strains", tuple(self.strains))
         _require_counts(self)
-        if self.frequency_hz.min() < 0:
-            raise InputError(f"frequency_hz holds {self.frequency_hz.min():g} Hz: give 0 for rigid-body modes")
+        wrong = np.flatnonzero((self.frequency_hz != 0) & (self.frequency_hz < LEAST_SIZE))
+        if wrong.size:
+            raise InputError(f"frequency_hz holds {self.frequency_hz[wrong[0]]:g} Hz: give 0 for rigid-body modes")
         wrong = np.flatnonzero((self.damping_ratio < 0) | (self.damping_ratio >= 1))
         if wrong.size:
             raise InputError(

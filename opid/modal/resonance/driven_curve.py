@@ -87,15 +87,17 @@ class DrivenCurve:
 
 def find_resonance(
     states: Sequence[SteadyState], law: LawCandidate, error: float, shape: float, settings: ResonanceSettings
-) -> CurveResonance:
-    """Return the resonance of a curve by its points near quadrature.
+) -> CurveResonance | None:
+    """Return the resonance of a curve by its points near quadrature; None where they show no stiffness.
 
     Each of them gives the frequency at its own amplitude, which is a little below that at resonance: a line over the
     square of the amplitude leads there. Where the amplitudes are too few or too alike, the nearest point stands alone.
     """
     turned = [replace(each, force=each.force * np.exp(-1j * law.phase_rad)) for each in states]
     near = min(turned, key=lambda each: abs(each.phase_error_deg))
-    omega = float(np.sqrt(max(near.stiffness, np.finfo(float).tiny)))
+    if near.stiffness <= 0.0:
+        return None
+    omega = float(np.sqrt(near.stiffness))
     std = error * abs(near.receptance_inverse) / (4.0 * np.pi * omega)
     pull = omega * near.damping
     amplitude = abs(near.force) / pull if pull > 0.0 else near.amplitude

@@ -137,7 +137,7 @@ def predict_held_out(
         settings: which points count; the usual ones where left out.
 
     Raises:
-        InputError: what `read_curve_states` refuses.
+        InputError: what `read_curve_states` refuses, or a curve that shows no stiffness.
     """
     chosen = settings or ResonanceSettings()
     place: dict[str, Any] = {"modes": modes, "mode": mode, "drive_point": drive_point}
@@ -187,11 +187,18 @@ def _predict(
     best, rng = law.candidates[0], np.random.default_rng(0)
     driven = DrivenCurve.of(curve, **place)
     shape = float(np.abs(driven.shape))
-    read: dict[str, Any] = {**place, "settings": settings}
-    measured, *seen = (
-        find_resonance(read_curve_states(each, **read), best, each.error_fraction, shape, settings)
-        for each in (curve, *others)
-    )
+
+    def find_measured(each: ResponseCurve) -> CurveResonance:
+        states = read_curve_states(each, **place, settings=settings)
+        found = find_resonance(states, best, each.error_fraction, shape, settings)
+        if found is None:
+            raise InputError(
+                f"response curve {each.name!r} shows no stiffness near quadrature: check its unit and its force, or "
+                "leave it out"
+            )
+        return found
+
+    measured, *seen = map(find_measured, (curve, *others))
     most = settings.farthest_reach * float(law.amplitude.max())
     response = driven.find_response(best, most, driven.measured)
     made = find_law_resonance(best, measured.force, most)

@@ -31,7 +31,7 @@ from opid.modal.power_laws import HIGHEST_ORDER, coefficients_json, make_fitted_
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
 from opid.modal.settings import MODAL
-from opid.signals.recording import FloatArray
+from opid.signals.recording import LEAST_SIZE, FloatArray
 
 FEWEST_GROUPS = 3  # curves of which one can be left out and the others still show how frequency and damping move
 N_TIMES = 64  # times of a period at which powers are sampled; enough for the fifth power of five harmonics
@@ -522,7 +522,7 @@ def _find_curve(fit: _Fit, amplitude: FloatArray) -> FloatArray:
     """Return natural frequency, Hz, and damping ratio at some amplitudes, (2, n), by harmonic linearisation."""
     k, c = fit.estimates()
     square = sum(value * first_harmonic_factor(n) * amplitude ** (n - 1) for n, value in k.items())
-    omega = np.sqrt(np.maximum(square, np.finfo(float).tiny))
+    omega = np.sqrt(np.maximum(square, LEAST_SIZE))  # a lost stiffness has an endless damping ratio, but with a square
     damping = sum(value * first_harmonic_factor(n) * (omega * amplitude) ** (n - 1) for n, value in c.items())
     return np.array([omega / (2.0 * np.pi), damping / (2.0 * omega)])
 
