@@ -17,6 +17,7 @@ command, and a result after status 2.
 import argparse
 import gc
 import json
+import logging
 import os
 import random
 import re
@@ -212,6 +213,7 @@ def run_case(case, folder):
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY_BYTES,) * 2)
     # What opid says of its own faults is replaced by their tracebacks.
+    logging.getLogger().handlers.clear()  # some library of logs, all of which are loaded here, sets one
     group.Unexpected.show = lambda error, file=None: traceback.print_exception(error.__cause__, file=sys.stderr)
     done = CliRunner().invoke(cli.main, list(case.words))
     found = {"status": done.exit_code, "stdout": done.stdout[-3000:], "stderr": done.stderr[-20_000:]}

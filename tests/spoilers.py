@@ -34,8 +34,8 @@ NUMBERS = (
 """Texts in the place of a number."""
 
 TEXTS = (
-    *("", " ", "\x00", "a\x00b", "../../x", "/", "/dev/zero", ".", "x" * 10_000, "no such name", "\u202e", "\n", "$x$"),
-    *("<script>", "{run}", "%s", "\x1b[31m", "nan", "\ud800".encode("utf-8", "replace").decode()),
+    *("", " ", "\x00", "a\x00b", "../../x", "/proc", "/dev/zero", ".", "x" * 10_000, "no such name", "\u202e", "\n"),
+    *("$x$", "<script>", "{run}", "%s", "\x1b[31m", "nan", "\ud800".encode("utf-8", "replace").decode()),
 )
 LEAVES = (
     *(None, True, False, "", "text", [], {}, [[]], [None], {"a": 1}, 0, 0.0, -0.0, -1, -1.5, 2.5, 10**18, 10**400),

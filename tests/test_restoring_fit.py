@@ -363,3 +363,12 @@ def with_noise(test, rng, noise=0.01):
     samples = test.recording.samples
     noisy = replace(test.recording, samples=samples + noise * samples.std(axis=0) * rng.standard_normal(samples.shape))
     return modal_test(noisy, test.modes, name=test.name, force="force", drive_point="a")
+
+
+def test_a_force_that_does_not_reach_the_mode_is_named():
+    shapes = FOUR.shapes.copy()
+    shapes[0, 2] = 0.0
+    still = replace(FOUR, shapes=shapes)
+    tests = beats(softening(still, 3), np.random.default_rng(0), levels=(4.0, 13.0))
+    with pytest.raises(InputError, match="drives mode 3: the force is zero, or the shape"):
+        fit_mode(tests, 3)

@@ -37,9 +37,11 @@ from opid.modal.resonance.curve_file import read_curve
 from opid.planning.guess import read_guess
 from opid.provenance import traced
 from opid.signals.recording import recording_from_arrays
+from opid.studies.modal_study import read_decays
 from opid.studies.stored_fits import read_fits
 from opid.studies.study_file import read_study
 from opid.studies.suspension_study import read_loading
+from opid.suspensions.flights.dataset import read_dataset
 from opid.suspensions.flights.result_file import read_flight
 from opid.updating.measured import MeasuredBackbone, SensorHarmonic, read_backbone, write_backbone
 from opid.updating.structure.matrices_file import read_structure, write_structure
@@ -362,6 +364,26 @@ def test_many_names_take_no_time(tmp_path):
     np.savez_compressed(path, **arrays | {"joints": np.arange(150_000.0).reshape(-1, 3)})
     with ended_after(60), pytest.raises(InputError, match=r"structure\.npz"):
         read_structure(path)
+
+
+def test_a_frequency_that_is_nearly_zero_is_none():
+    with pytest.raises(InputError, match="give 0 for rigid-body modes"):
+        LinearModes([1e-300, 20.0], [0.0, 0.01], np.ones((2, 2)), ("a", "b"))
+
+
+def test_a_study_of_decays_is_refused_before_it_is_read_on(tmp_path):
+    (tmp_path / "study.toml").write_text('modes = ""\n[[tests]]\nlog = "a.csv"\n')
+    with pytest.raises(InputError, match="'modes' in the study is ''"):
+        read_decays(tmp_path / "study.toml", [], print)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
+def test_a_pipe_in_a_dataset_is_refused(tmp_path):
+    part = tmp_path / "tail=D-001" / "part-00000.parquet"
+    part.parent.mkdir()
+    os.mkfifo(part)
+    with ended_after(20), pytest.raises(InputError, match="a pipe"):
+        read_dataset(tmp_path)
 
 
 @pytest.mark.parametrize("is_repeated", [False, True])

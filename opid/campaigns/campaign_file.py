@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from opid.errors import InputError, count_repeats, nearest, refuse, shorten_middle
 from opid.json_values import LARGEST
 from opid.signals.files import nearest_beside, read_table
-from opid.studies.schema import Document, load, read_tables, require_plain
+from opid.studies.schema import Document, collect_faults, load, read_tables, require_plain
 from opid.studies.study_file import SUSPENSIONS, kind_of
 from opid.suspensions.settings import METHODS_OF_LAW
 
@@ -139,7 +139,11 @@ def read_campaign(path: str | os.PathLike[str]) -> CampaignPlan:
         )
     tables, faults = read_tables(_CampaignTables, document)
     refuse(faults, source)
-    rows = read_rows(source.parent / tables.flights) if isinstance(tables.flights, str) else tables.flights
+    rows: Sequence[Mapping[str, Cell]] = ()
+    with collect_faults(faults):
+        named = tables.flights
+        rows = read_rows(source.parent / named) if isinstance(named, str) else named
+    refuse(faults, source)
     template = None if tables.study is None else source.parent / tables.study
     flights = _plan_flights(rows, template, source, faults)
     more = [f"and {len(faults) - _MOST_FAULTS} more"] if len(faults) > _MOST_FAULTS else []

@@ -203,6 +203,8 @@ def read_dataset(path: str | os.PathLike[str]) -> FleetDataset:
         raise InputError(f"there is no dataset of flights in {path}: give the folder that `opid campaign` wrote")
     found, names = [], None
     for part in parts:
+        if not part.is_file():
+            raise InputError(f"{part} is a directory, a pipe or a device: run `opid campaign` again")
         try:
             table = pyarrow.parquet.ParquetFile(part).read()
             named = (table.schema.metadata or {}).get(COVARIATES.encode(), b"").decode().splitlines()
