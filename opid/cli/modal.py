@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from opid.modal.linear.fitted_modes import FittedModes
     from opid.modal.linear.stages import ModeStages
     from opid.signals.recording import FloatArray, Recording
+    from opid.studies.modal_study import Decays
 
 FRACTION = click.FloatRange(min=0, max=1, min_open=True)
 OPTIONS = {
@@ -329,13 +330,17 @@ def decay(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
     their law is a common one, and its intervals at zero amplitude hold their scatter. Where several modes ring in the
     sensor, a --study separates them with the shapes.
     """
+    from opid.studies.modal_study import read_decays
+
     _check_source(settings)
     if twice := sorted({str(log) for log in logs if logs.count(log) > 1}):
         raise click.UsageError(f"{', '.join(twice)} is given twice: a log is no repeat of itself; give each log once")
+    study = settings["study"]
     output = output.reserve()
-    with output.progress() as say, output.name_files(*logs):
+    with output.progress() as say, output.name_files(*logs, *([study] if study else [])):
+        read = read_decays(study, logs, say) if study else None
         try:
-            found = _follow_decays(logs, settings, say)
+            found = _follow_decays(logs, read, settings, say)
         except InputError as error:
             raise InputError(_name_options(str(error), settings)) from error
         except NotDeterminedError as error:
@@ -344,15 +349,15 @@ def decay(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
     output.show(found, notes=notes)
 
 
-def _follow_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -> Decay:
+def _follow_decays(logs: tuple[Path, ...], study: Decays | None, settings: Mapping[str, Any], say: Say) -> Decay:
     """Return the free decay in a log, or those in several logs pooled."""
     from opid.modal.decay.free_decay import pool_decays
 
     settings = {name: str(each) if isinstance(each, Path) else each for name, each in settings.items()}
-    if settings["study"] is None:
+    if study is None:
         decays = [_follow_decay(log, settings, say) for log in logs]
     else:
-        decays = _filter_decays(logs, settings, say)
+        decays = _filter_decays(logs, study, settings, say)
     if len(decays) == 1:
         return decays[0]
     say("the common law")
@@ -399,15 +404,13 @@ def _follow_decay(log: Path, settings: Mapping[str, Any], say: Say) -> Decay:
     return replace(found, warnings=warnings, settings={"log": str(log), **settings}, files=record.files)
 
 
-def _filter_decays(logs: tuple[Path, ...], settings: Mapping[str, Any], say: Say) -> list[Decay]:
+def _filter_decays(logs: tuple[Path, ...], study: Decays, settings: Mapping[str, Any], say: Say) -> list[Decay]:
     """Return the free decay of one mode in each log, by the shapes of a study."""
     from opid.modal.decay.free_decay import decay_of
     from opid.modal.forced.mode_tests import find_largest_mode
-    from opid.studies.modal_study import read_decays
 
-    read = read_decays(Path(settings["study"]), logs, say)
-    tests = read.tests
-    known = read.gain_tolerance if settings["gain_tolerance"] is None else settings["gain_tolerance"]
+    tests = study.tests
+    known = study.gain_tolerance if settings["gain_tolerance"] is None else settings["gain_tolerance"]
     elastic = [number + 1 for number, is_elastic in enumerate(tests[0].modes.elastic) if is_elastic]
     mode = find_largest_mode(tests[0], elastic) if settings["mode"] is None else settings["mode"]
     options = {name: settings[name] for name in ("stiffness_order", "damping_order", "memory")}
