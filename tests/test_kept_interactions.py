@@ -17,6 +17,7 @@ from opid.updating.likelihood.interactions import (
     describe_interactions,
     describe_lossy,
     describe_unpaired,
+    find_omitted_pull,
     find_pull,
     with_interactions,
 )
@@ -157,6 +158,22 @@ def test_kept_points_leave_theta_right_where_a_smooth_model_is_wrong():
     omitted = posterior(replace(data, met_damping=None))
     assert is_wrong_without_interval(omitted)
     assert any("leave those points out, or state interaction = 'keep'" in each for each in omitted.warnings)
+
+
+@pytest.mark.parametrize("apart", [0.004, 0.01])
+@pytest.mark.parametrize("seed", range(3))
+def test_points_beside_an_interaction_are_pulled_where_those_within_it_are_left_out(apart, seed):
+    def keep(curve):
+        kept = np.abs(3 * curve.frequency_hz / SYSTEM.frequency_hz[MET] - 1) > apart
+        return replace(curve, frequency_hz=curve.frequency_hz[kept], amplitude=curve.amplitude[kept])
+
+    data = data_of(tuple(map(keep, measured(seed))), None)
+    found = posterior(data)
+    assert is_wrong_without_interval(found)
+    pulled = find_omitted_pull(data, LAW, found.best, found.covariance)
+    assert abs((found.best + pulled - TRUE)[0]) < 0.5 * abs((found.best - TRUE)[0])
+    kept = posterior(replace(data, met_damping=DAMPING))
+    assert abs(score(kept)) < 2.5
 
 
 @pytest.mark.parametrize("detuning", [-0.006, 0.004])

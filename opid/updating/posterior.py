@@ -19,7 +19,7 @@ from opid.updating.likelihood.curves import (
     make_curves,
     slopes_function,
 )
-from opid.updating.likelihood.interactions import adapt_to_class
+from opid.updating.likelihood.interactions import adapt_to_class, find_omitted_pull
 from opid.updating.model_class import ClassParameter, DampingRatio, ModelClass
 from opid.updating.result import ClassPosterior
 from opid.updating.sampling.chains import (
@@ -130,20 +130,23 @@ def update_class(
     best = chain.best if peak is None else peak.theta
     unreached, sentences = _find_unreached(data, model_class, best)
     found, refused = _compute_evidences(methods, density, model_class, peak, chain, stages, rng)
-    moved = _find_calibration(data, model_class, best, _limit_by_prior(peak, model_class) if peak else chain.covariance)
+    covariance = _limit_by_prior(peak, model_class) if peak else chain.covariance
+    moved = _find_calibration(data, model_class, best, covariance)
     calibrated = _calibrate(chain, model_class, moved, rng)
     estimates = estimates_of(calibrated, [f"theta_{k + 1}" for k in range(model_class.n_parameters)])
     diagnostics, is_calibrated = diagnose(chain), bool(np.isfinite(moved).all())
     if not is_calibrated:
         warnings.append(_UNKNOWN_CALIBRATION)
     is_idle = has_no_effect(data, model_class)
-    if not is_calibrated or diagnostics.effective_samples < UPDATING.fewest_samples:
+    pulled = find_omitted_pull(data, model_class, best, covariance)
+    is_pulled = not (np.abs(pulled) <= UPDATING.most_omitted * np.sqrt(np.diag(calibrated.covariance))).all()
+    if not is_calibrated or is_pulled or diagnostics.effective_samples < UPDATING.fewest_samples:
         estimates = {name: each.without_interval() for name, each in estimates.items()}
     estimates = _withhold_unfit(data, model_class, best, estimates)
     if not is_idle:
         warnings += [*sentences, *refused, *warn_of_class(
             data, model_class, chain, best, estimates=estimates, evidences=found, diagnostics=diagnostics,
-            untold=unreached,
+            untold=unreached, is_pulled=is_pulled,
         )]  # fmt: skip
     return ClassPosterior(
         model_class=model_class,

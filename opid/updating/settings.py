@@ -78,6 +78,12 @@ class UpdatingThresholds:
     most_within: float = 0.4
     most_steps_of_pull: int = 60  # steps, each half of the remaining one, by which a curve finds its own pull
     n_weighings: int = 10  # fits of a curve's offset and slope, after which single points far off hardly count
+    # damping ratio of the modes that are met for what their pull on omitted interactions would do to theta: at usual
+    # ones the points next to the resonance, which are told apart by pairing alone, would count too much
+    omitted_damping: float = 0.01
+    # standard deviations by which that may move theta: an interval that is off by so much holds in 92 % of cases. In
+    # sound sets it is 0.1, with an interaction that moves the joints 4.6 and more (updating_figures.py, interaction)
+    most_omitted: float = 0.5
     # standard deviations by which a point in an interaction may lie off the curve: no point of a sound set is as far
     unpaired_sigma: float = 5.0
     n_starts: int = 256  # draws of the prior among which the search for the maximum starts

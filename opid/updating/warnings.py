@@ -23,6 +23,7 @@ from opid.updating.settings import UPDATING
 
 N_PATTERNS = 2  # slope and curvature over the amplitude, the errors that a wrong law makes
 
+_PULLED = ", and this moves theta by too much for its interval, so that none is given"
 TOO_LITTLE = (
     f"moves the frequencies by more than {100 * UPDATING.least_moved:.0f} % of their measured growth: check the unit "
     "of the amplitudes, and the scale of the law"
@@ -60,8 +61,12 @@ def warn_of_class(
     evidences: Sequence[Evidence],
     diagnostics: Diagnostics,
     untold: Sequence[int] = (),
+    is_pulled: bool = False,
 ) -> Iterator[str]:
-    """Yield warnings about the posterior of one class; that of the parameters `untold`, from 1, is their prior."""
+    """Yield warnings about the posterior of one class.
+
+    That of the parameters `untold`, from 1, is their prior; it `is_pulled` where omitted interactions move it.
+    """
     for pressure in find_pressures(chain.pooled, model_class.priors):
         if pressure.parameter not in untold:
             yield f"theta_{pressure.parameter} {pressure.sentence}"
@@ -78,6 +83,7 @@ def warn_of_class(
         describe_failures(data, model_class, near),
         describe_failures(data, model_class, far, lost=True),
         describe_interactions(data, model_class, best),
+        is_pulled=is_pulled,
     )
     yield from warn_of_pairs(data, model_class, best)
     if diagnostics.effective_samples < UPDATING.few_samples:
@@ -106,10 +112,13 @@ def warn_of_class(
                 yield f"the interval of {name} contains 0: the data do not need the term {own.key}"
 
 
-def warn_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str]) -> Iterator[str]:
+def warn_of_curves(
+    gaps: Sequence[str], lost: Sequence[str], met: Sequence[str], *, is_pulled: bool = False
+) -> Iterator[str]:
     """Yield warnings about the curves of the model: gaps, curves lost beside the posterior, modes that interact.
 
-    `gaps` and `lost` are from `describe_failures`, `met` is from `describe_interactions`.
+    `gaps` and `lost` are from `describe_failures`, `met` is from `describe_interactions`; theta `is_pulled` where these
+    move it by a large part of its interval.
     """
     if gaps:
         yield (
@@ -126,8 +135,8 @@ def warn_of_curves(gaps: Sequence[str], lost: Sequence[str], met: Sequence[str])
     for clause in met:
         yield (
             f"in {clause}: frequencies measured there may lie off the smooth backbone of the model, which leaves "
-            "interactions out; leave those points out, or state interaction = 'keep' (continued_backbone follows an "
-            "interaction)"
+            f"interactions out{_PULLED if is_pulled else ''}; leave those points out, or state interaction = 'keep' "
+            "(continued_backbone follows an interaction)"
         )
 
 

@@ -33,7 +33,7 @@ from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.laws.law import TermSet
 from opid.signals.recording import FloatArray
 from opid.updating.likelihood.backbones import BackboneData, ErrorGrowth, IntArray, ModeData, find_met_modes, with_noise
-from opid.updating.likelihood.curves import describe_span, make_curves, make_solver
+from opid.updating.likelihood.curves import describe_span, make_curves, make_solver, slopes_function
 from opid.updating.likelihood.error_growth import with_modal_errors
 from opid.updating.model_class import ModelClass
 from opid.updating.settings import UPDATING
@@ -295,6 +295,32 @@ def find_loop(
 
 
 # ---- what is told -----------------------------------------------------------------------------------
+
+
+def find_omitted_pull(
+    data: BackboneData, model_class: ModelClass, theta: FloatArray, covariance: FloatArray
+) -> FloatArray:
+    """Return how far theta would move if the points that a harmonic pulls off were paired, (n_parameters,).
+
+    The posterior is about Gaussian near its maximum `theta`. With C its `covariance` and g the slopes of the likelihood
+    there, the maximum moves by C times the change of g. It is 0 where points are paired, where none is described by
+    `describe_interactions`, and in other forms than the recommended one; nan where the likelihood has no slopes.
+    """
+    still = np.zeros(theta.size)
+    if data.form != "recommended" or not describe_interactions(data, model_class, theta):
+        return still
+    modes = []
+    for mode in data.modes:
+        pull = _find_pull_on_points(data, mode, model_class, theta)
+        shift = 0.0 if pull is None else pull.find_shift(mode.eigenvalue, UPDATING.omitted_damping)
+        errors = mode.errors or ErrorGrowth.of(data.noise)
+        modes.append(with_noise(replace(mode, eigenvalue=mode.eigenvalue - shift), data.noise, errors))
+    values, slopes = [], []
+    for each in (data, replace(data, modes=tuple(modes))):
+        value, slope = slopes_function(each, model_class)(theta[np.newaxis])
+        values.append(value[0])
+        slopes.append(slope[0])
+    return covariance @ (slopes[1] - slopes[0]) if np.isfinite(values).all() else np.full(theta.size, np.nan)
 
 
 def describe_interactions(data: BackboneData, model_class: ModelClass, theta: ArrayLike) -> list[str]:
