@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import pytest
 from small_folders import SHORT, make_folders
@@ -14,6 +15,7 @@ MADE = {
     "resonance": ("simulate", "resonance", "made", "--levels", "3"),
 }
 LAW = ("--law", "arctan_velocity", "--no-figures")
+CHAINS = ("--chains",) if find_spec("arviz") else ()
 PLAN = ("--target", "sprung_mass=50%", "--law", "arctan_velocity", "--mass-change", "-200", "--duration", "20")
 # the command, and the folder of `small_folders` that it runs in
 COMMANDS = {
@@ -22,7 +24,7 @@ COMMANDS = {
     "law": ("bench", "law", "bench.csv", "--force-channel", "load", "--travel-channel", "stroke"),
     "decay": ("bench", "decay", "hit.csv", "--channel", "az", "--stiffness-order", "3", "--damping-order", "2"),
     "update": ("chain", "update", "study.toml", "--samples", "1000", "--no-figures"),
-    "update transitional": ("chain", "update", "study.toml", "--samples", "1000", "--sampler", "transitional"),
+    "update transitional": ("chain", "update", "study.toml", "--samples", "1000", "--sampler", "transitional", *CHAINS),
     "modes": ("modal", "modes", "impact.csv", "--drive-point", "case_x", "--band", "50", "500"),
     "modal": ("modal", "modal", "study.toml"),
     "resonance": ("levels", "resonance", "study.toml"),

@@ -307,6 +307,9 @@ class Groups:
     def __init__(self, posterior, sample_stats):
         self.posterior, self.sample_stats = posterior, sample_stats
 
+    def groups(self):
+        return []
+
     def to_netcdf(self, path):
         shapes = {name: np.shape(values) for name, values in self.posterior.items()}
         Path(path).write_text(f"{shapes} {np.isfinite(self.sample_stats['lp']).all()}", encoding="utf-8")

@@ -13,7 +13,7 @@ from opid.modal.linear.modes import LinearModes
 from opid.modal.resonance.settings import ResonanceSettings
 from opid.modal.resonance.steady import SteadyState
 from opid.provenance import ReadFile
-from opid.signals.recording import FloatArray, has_usual_size
+from opid.signals.recording import LEAST_SIZE, FloatArray, has_usual_size
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,15 @@ class ResponseCurve:
                 f"{self.name!r} has {hz.size} frequencies, {height.size} amplitudes, {phase.size} phases and "
                 f"{force.size} forces: give one of each for every point"
             )
+        if not hz.size:
+            raise InputError(f"{self.name!r} has no points: give those of a stepped sine past the resonance")
         sizes = np.concatenate([hz, height, force])
         if not (np.isfinite(phase).all() and np.isfinite(sizes).all() and (sizes > 0.0).all()):
             raise InputError(
                 f"{self.name!r} has values that are not finite and positive: leave such points out, and give the sign "
                 "of an amplitude as a phase"
             )
-        if not all(map(has_usual_size, (hz, height, phase, force))):
+        if (sizes < LEAST_SIZE).any() or not all(map(has_usual_size, (hz, height, phase, force))):
             raise InputError(f"{self.name!r} has values of a size that nothing measures: correct its units")
         if not 0.0 < self.error_fraction < 1.0:
             raise InputError(f"error_fraction of {self.name!r} is {self.error_fraction}: give a fraction, 0.01 for 1 %")

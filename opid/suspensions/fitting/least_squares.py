@@ -39,6 +39,8 @@ class Residual(Protocol):
 
 AnyResidual = TypeVar("AnyResidual", bound=Residual)
 
+_LARGEST_ENTRY = 1e100  # of a column, whose squares a computer still adds up
+
 
 def least_squares(
     evaluate: Callable[[FloatArray], AnyResidual | None],
@@ -378,7 +380,7 @@ def _project(
     gradient = motion.parameter_gradient(shapes)
     linear = np.concatenate([columns, motion.start_columns(shapes)], axis=1)
     basis = np.concatenate([linear, gradient[:, _list_amplitudes(shapes)]], axis=1)
-    if not np.isfinite(gradient).all() or not np.isfinite(basis).all():
+    if not (_has_squares(gradient) and _has_squares(basis)):
         return np.full(y.size, np.nan), np.zeros((y.size, len(search.free)))
     q, weights = _solve_linear(basis, y)
     residual = y - basis @ weights
@@ -397,6 +399,11 @@ def _compare_with_prior(search: _Search, inner: FloatArray, noise: float) -> tup
     return np.array([weight * (inner[k] - mean) for k, weight, mean in rows]), slopes
 
 
+def _has_squares(columns: FloatArray) -> bool:
+    """Return whether all entries are finite, and so small that the sum of their squares is."""
+    return bool((np.abs(columns) < _LARGEST_ENTRY).all())
+
+
 def _solve_linear(basis: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     rms = np.sqrt(np.mean(basis**2, axis=0))
     # Rounding gives a column of zeros a weight, which a tiny scale would make huge.
@@ -409,7 +416,7 @@ def _make_fit(columns: FloatArray, search: _Search, inner: FloatArray, motion: M
     shapes = search.decode(inner)
     gradient = motion.parameter_gradient(shapes)
     own = np.concatenate([motion.start_columns(shapes), gradient[:, _list_amplitudes(shapes)]], axis=1)
-    if not np.isfinite(own).all():  # a law that is not defined on the motion is left out of the fit
+    if not _has_squares(own):  # a law that is not defined on the motion is left out of the fit
         own = np.zeros_like(own)
     basis = np.concatenate([columns, own], axis=1)
     _, weights = _solve_linear(basis, y)

@@ -12,6 +12,7 @@ from scipy import fft, linalg, special, stats
 
 from opid.errors import InputError
 from opid.estimate import Estimate
+from opid.provenance import time_of_writing
 from opid.signals.recording import FloatArray
 from opid.updating.model_class import Prior
 
@@ -397,6 +398,10 @@ def to_inference_data(chain: Chain, names: Sequence[str]) -> Any:
         import arviz
     except ImportError:
         return groups
-    # The signature of from_dict differs between versions.
+    # The signature of from_dict differs between versions, and groups were a method.
     from_dict: Any = arviz.from_dict
-    return from_dict(**groups) if int(arviz.__version__.split(".")[0]) < 1 else from_dict(groups)
+    is_old = int(arviz.__version__.split(".")[0]) < 1
+    found = from_dict(**groups) if is_old else from_dict(groups)
+    for group in found.groups() if is_old else found.groups:
+        found[group].attrs["created_at"] = time_of_writing()
+    return found
