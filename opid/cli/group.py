@@ -21,7 +21,7 @@ from opid.cli.options import example
 from opid.errors import InputError, NotDeterminedError, escape_invisible, shorten_middle
 
 VERBOSE = "opid.verbose"  # what the contexts of a command share of its options
-_LONGEST_WORD, _LONGEST_LINE, _LONGEST_REASON = 300, 1500, 200
+_LONGEST_WORD, _LONGEST_LINE, _LONGEST_REASON = 300, 1400, 200
 _LEAST_SIZE, _LARGEST_SIZE = 1e-50, 1e50  # as of recordings, whose sixth powers a computer still knows
 _PAUSE_S = 0.01  # before a signal is sent once more: what was destroyed is gone by then
 
