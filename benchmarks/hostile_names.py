@@ -464,7 +464,7 @@ def judge(command, verdict, harmless, names, benign):
         return Verdict("injection", str(more))
     for each, name in names.items():
         # in a sentence a name stands in quotation marks, as Python writes it, in a command as the shell reads it
-        words = map(squeeze, (name, repr(name)[1:-1], shlex.quote(name)))
+        words = map(squeeze, (name, repr(name)[1:-1], shlex.quote(name).strip("'")))
         # a sketch breaks it into lines, and has no room for a long one
         shown = (*words, f"{squeeze(name)[:8]}") if len(name) > MOST_IN_SKETCH else words
         if benign[each] in harmless.page.text and not any(word in verdict.page.text for word in shown):
