@@ -43,6 +43,8 @@ from small_folders import SHORT, write_bench, write_hit
 
 from opid import cli
 from opid.errors import escape_invisible
+from opid.plots.style import format_units
+from opid.report.formulas import write_plain
 
 NAMES = {
     "script": "<script>document.title='owned'</script>",
@@ -464,7 +466,9 @@ def judge(command, verdict, harmless, names, benign):
         return Verdict("injection", str(more))
     for each, name in names.items():
         # in a sentence a name stands in quotation marks, as Python writes it, in a command as the shell reads it
-        words = map(squeeze, (name, repr(name)[1:-1], shlex.quote(name).strip("'")))
+        written = (name, repr(name)[1:-1], shlex.quote(name).strip("'"))
+        # a page typesets units, and leaves the marks of its formulas out
+        words = [squeeze(each) for own in written for each in (own, format_units(own, only=True), write_plain(own))]
         # a sketch breaks it into lines, and has no room for a long one
         shown = (*words, f"{squeeze(name)[:8]}") if len(name) > MOST_IN_SKETCH else words
         if benign[each] in harmless.page.text and not any(word in verdict.page.text for word in shown):
