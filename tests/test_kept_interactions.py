@@ -11,6 +11,7 @@ from opid import plots
 from opid.errors import InputError
 from opid.mechanics.backbones.continuation import continued_backbone
 from opid.mechanics.backbones.quadrature_curves import Specimen, quadrature_curve
+from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import backbone_data, find_met_modes
 from opid.updating.likelihood.interactions import (
     adapt_to_class,
@@ -160,14 +161,28 @@ def test_kept_points_leave_theta_right_where_a_smooth_model_is_wrong():
     assert any("leave those points out, or state interaction = 'keep'" in each for each in omitted.warnings)
 
 
+def leave_out(curves, apart):
+    """Return curves without the points whose third harmonic is as near to the mode that it meets."""
+    near = [np.abs(3 * curve.frequency_hz / SYSTEM.frequency_hz[MET] - 1) <= apart for curve in curves]
+    return tuple(
+        replace(curve, frequency_hz=curve.frequency_hz[~own], amplitude=curve.amplitude[~own])
+        for curve, own in zip(curves, near, strict=True)
+    )
+
+
+def test_bands_are_withheld_where_interactions_that_are_left_out_move_theta():
+    noise = NoiseSettings(motion_error=0.0)
+    study = UpdatingStudy("omitted", SYSTEM, leave_out(measured(), 0.01), (LAW,), noise=noise, n_samples=1000)
+    found = update_study(study)
+    assert found.classes[0].is_pulled
+    assert all(np.isnan(band.low_hz).all() and np.isnan(band.high_hz).all() for band in found.prediction)
+    assert any("neither this nor bands are given" in each for each in found.all_warnings)
+
+
 @pytest.mark.parametrize("apart", [0.004, 0.01])
 @pytest.mark.parametrize("seed", range(3))
 def test_points_beside_an_interaction_are_pulled_where_those_within_it_are_left_out(apart, seed):
-    def keep(curve):
-        kept = np.abs(3 * curve.frequency_hz / SYSTEM.frequency_hz[MET] - 1) > apart
-        return replace(curve, frequency_hz=curve.frequency_hz[kept], amplitude=curve.amplitude[kept])
-
-    data = data_of(tuple(map(keep, measured(seed))), None)
+    data = data_of(leave_out(measured(seed), apart), None)
     found = posterior(data)
     assert is_wrong_without_interval(found)
     pulled = find_omitted_pull(data, LAW, found.best, found.covariance)

@@ -93,7 +93,9 @@ def update_study(study: UpdatingStudy, *, progress: Say | None = None) -> Updati
     harmonics = _predict_harmonics(study, data, best, linear)
     is_spoiled = any(each.spoils_theta for each in contradictions)
     if is_spoiled:
-        classes, bands = [each.without_intervals() for each in classes], tuple(each.without_ends() for each in bands)
+        classes = [each.without_intervals() for each in classes]
+    if is_spoiled or best.is_pulled:
+        bands = tuple(each.without_ends() for each in bands)
         responses = tuple(each.without_intervals() for each in responses)
         damping = tuple(each.without_ends() for each in damping)
         harmonics = tuple(each.without_ends() for each in harmonics)

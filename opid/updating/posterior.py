@@ -162,6 +162,7 @@ def update_class(
         warnings=(f"no theta that its prior allows {TOO_LITTLE}",) if is_idle else tuple(warnings),
         chain=chain,
         has_no_effect=is_idle,
+        is_pulled=is_pulled,
     )
 
 

@@ -49,6 +49,7 @@ class ClassPosterior:
         prior_sensitivity: change of the logarithm of the evidence when a prior is twice as wide, by parameter.
         warnings: one sentence for each warning about the class.
         has_no_effect: whether the class moves the frequencies nowhere in its prior; that is then its only warning.
+        is_pulled: whether interactions whose points are left out move theta by too much for an interval.
         chain: the samples chain by chain, as if the measured amplitudes were exact: the law in their unit.
     """
 
@@ -65,6 +66,7 @@ class ClassPosterior:
     warnings: tuple[str, ...]
     chain: Chain
     has_no_effect: bool = False
+    is_pulled: bool = False
 
     def without_intervals(self) -> ClassPosterior:
         """Return it with the values of its estimates alone."""

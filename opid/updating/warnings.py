@@ -23,7 +23,7 @@ from opid.updating.settings import UPDATING
 
 N_PATTERNS = 2  # slope and curvature over the amplitude, the errors that a wrong law makes
 
-_PULLED = ", and this moves theta by too much for its interval, so that none is given"
+_PULLED = ", and this moves theta by too much for its interval, so that neither this nor bands are given"
 TOO_LITTLE = (
     f"moves the frequencies by more than {100 * UPDATING.least_moved:.0f} % of their measured growth: check the unit "
     "of the amplitudes, and the scale of the law"
