@@ -400,6 +400,7 @@ def test_bad_data_are_told(curves, settings, message):
 @pytest.mark.parametrize(
     ("priors", "message"),
     [
+        ({"wall": Prior("lognormal", 1.0, 3e11)}, "standard deviation of 3e[+]11 of the logarithm: give at most 20"),
         ({"wal": Prior()}, "there is a prior for 'wal', which is not a parameter: did you mean 'wall'"),
         ({"wall": Prior("uniform", -2.0, -1.0)}, "prior of 'wall' allows nothing above 0"),
         ({}, "no parameter varies"),

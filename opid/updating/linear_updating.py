@@ -29,6 +29,8 @@ from opid.updating.settings import UPDATING
 from opid.updating.structure.affine import AffineStructure
 from opid.updating.structure.reduction import lowest_modes, ritz_model
 
+_WIDEST_LOGNORMAL = 20.0  # standard deviation of the logarithm of a factor of stiffness
+
 
 def update_linear(
     structure: AffineStructure,
@@ -144,6 +146,11 @@ def _make_prior_box(structure: AffineStructure, priors: Mapping[str, Prior]) -> 
         if prior.family == "normal":
             low, high = prior.first - far * prior.second, prior.first + far * prior.second
         if prior.family == "lognormal":
+            if prior.second > _WIDEST_LOGNORMAL:
+                raise InputError(
+                    f"the prior of {name!r} has a standard deviation of {prior.second:g} of the logarithm: give at "
+                    f"most {_WIDEST_LOGNORMAL:g}, with which it reaches over tens of decades"
+                )
             low, high = (prior.first * np.exp(side * far * prior.second) for side in (-1, 1))
         if high <= 0:
             raise InputError(f"the prior of {name!r} allows nothing above 0: a factor of stiffness is positive")

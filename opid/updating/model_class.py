@@ -31,7 +31,6 @@ _NO_DENSITY = 40.0  # standard deviations beyond which the density of a normal d
 
 Family = Literal["uniform", "normal", "lognormal"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
-_WIDEST_LOGNORMAL = 5.0  # standard deviation of the logarithm: nobody knows less of a parameter
 
 
 @dataclass(frozen=True)
@@ -68,11 +67,6 @@ class Prior:
             raise InputError(f"a {self.family} prior has a standard deviation of {self.second:g}: give a positive one")
         if self.family == "lognormal" and self.first <= 0:
             raise InputError(f"a lognormal prior has the median {self.first:g}: give a positive one")
-        if self.family == "lognormal" and self.second > _WIDEST_LOGNORMAL:
-            raise InputError(
-                f"a lognormal prior has a standard deviation of {self.second:g} of the logarithm: give at most "
-                f"{_WIDEST_LOGNORMAL:g}, with which 95 % of it are over eight decades"
-            )
 
     @cached_property
     def _distribution(self) -> Any:
