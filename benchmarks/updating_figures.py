@@ -55,6 +55,7 @@ from opid.updating.identification import update_study
 from opid.updating.likelihood.backbones import BackboneData, backbone_data
 from opid.updating.likelihood.curves import likelihood_function
 from opid.updating.likelihood.error_growth import growth_of_linear_error
+from opid.updating.likelihood.interactions import find_omitted_pull
 from opid.updating.likelihood.noise import UNMENDED_GROWTH, NoiseSettings
 from opid.updating.measured import MeasuredBackbone, reached_extensions
 from opid.updating.model_class import PAPER_CLASSES, ModelClass, Prior, StiffnessFactor, UncertainTerm, spline_terms
@@ -557,6 +558,10 @@ def interaction(seed: int, structure: str, elsewhere: float = 0.0) -> Figures:
         found = update_class(data, model_class, rng=np.random.default_rng(seed), n_samples=2200)
         (estimate,) = found.estimates.values()
         width[name] = estimate.std or np.nan
+        pull = (
+            abs(find_omitted_pull(data, model_class, found.best, found.covariance)[0]) / found.covariance[0, 0] ** 0.5
+        )
+        figures[f"standard deviations by which pairing would move theta, {name}"] = float(pull)
         told = any("no interval" in each or "leave those points out" in each for each in found.warnings)
         figures |= judge(f"theta, {name}", estimate, theta)
         figures[f"it holds or the points are told, {name}"] = float(told or estimate.holds(theta))

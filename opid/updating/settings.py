@@ -81,8 +81,8 @@ class UpdatingThresholds:
     # damping ratio of the modes that are met for what their pull on omitted interactions would do to theta: at usual
     # ones the points next to the resonance, which are told apart by pairing alone, would count too much
     omitted_damping: float = 0.01
-    # standard deviations by which that may move theta: an interval that is off by so much holds in 92 % of cases. In
-    # sound sets it is 0.1, with an interaction that moves the joints 4.6 and more (updating_figures.py, interaction)
+    # standard deviations by which that may move theta: an interval that is off by so much holds in 92 % of cases. It is
+    # 0 on the wing, and 4.6 to 19 where an interaction moves the joints much (updating_figures.py, rows interaction)
     most_omitted: float = 0.5
     # standard deviations by which a point in an interaction may lie off the curve: no point of a sound set is as far
     unpaired_sigma: float = 5.0
