@@ -3,9 +3,22 @@
 import os
 import signal
 import sys
+from typing import Any
 
 # The libraries of linear algebra read these variables when they are loaded.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+class Interrupt(KeyboardInterrupt):
+    """The user pressed Ctrl-C.
+
+    Where a KeyboardInterrupt itself passes through `exec`, as of a dataclass that is made, Python ends by the signal
+    and not by the status that is asked for. It does not with this one.
+    """
+
+
+def _interrupt(*_: Any) -> None:
+    raise Interrupt
 
 
 def main() -> None:
@@ -15,6 +28,8 @@ def main() -> None:
     has one thread. Its matrices are small, so that more would not be faster.
     """
     os.environ.update(dict.fromkeys(THREADS, "1"))
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # one that is ignored stays ignored
+        signal.signal(signal.SIGINT, _interrupt)
     try:
         from opid.cli import main as run_command
 

@@ -173,10 +173,14 @@ def test_a_signal_that_python_drops_is_sent_once_more(number):
         destroy_and_wait()
 
 
-def test_an_interrupt_before_the_command_has_begun_is_one_sentence():
-    lines = "import opid.cli, opid.__main__\ndef stop(): raise KeyboardInterrupt\n"
-    lines += "opid.cli.main = stop\nopid.__main__.main()"
-    done = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True)
+@pytest.mark.parametrize("moment", ["stop()", "exec('stop()', {'stop': stop})"])
+def test_an_interrupt_before_the_command_has_begun_is_one_sentence(moment, tmp_path):
+    """Where a KeyboardInterrupt passes through `exec`, Python would end a module by the signal."""
+    lines = "import signal\nimport opid.cli, opid.__main__\ndef stop(): signal.raise_signal(signal.SIGINT)\n"
+    lines += f"opid.cli.main = lambda: {moment}\nopid.__main__.main()"
+    (tmp_path / "interrupted.py").write_text(lines)
+    words = [sys.executable, "-m", "interrupted"]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "Error: interrupted\n")
 
 
