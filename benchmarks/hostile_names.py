@@ -1,7 +1,7 @@
 """Names that a user can give, turned hostile: what every command makes of each of them in every text field.
 
-Run `python benchmarks/hostile_names.py`, or `--commands identify law --names script mathematics`; `--chromium` opens
-the pages, too, and tells whether a script ran or a request was made.
+Run `python benchmarks/hostile_names.py --jobs 2`, which takes hours, or `--commands identify law --names script
+mathematics`; `--chromium` opens the pages, too, and tells whether a script ran or a request was made.
 
 Each command runs in this process on small inputs whose names (titles, runs, channels, interfaces, sensors, joints,
 classes, tests, curves, flights, columns, files, folders) are all replaced by one hostile name, with a number behind it
@@ -37,7 +37,7 @@ import tomli_w
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from click.testing import CliRunner
-from harness import table_head, table_row
+from harness import run_all, table_head, table_row
 from interrupted_runs import LAW, MADE_BY
 from small_folders import SHORT, write_bench, write_hit
 
@@ -555,7 +555,35 @@ def open_pages():
 MOST_IN_SKETCH = 84
 """Letters of a name that a sketch shows."""
 
+NAMES_OF_A_JOB = 9
+"""A job runs its command with harmless names first, which takes as long as one name does."""
+
 WORDS = ("refused", "correct", "impossible")
+
+
+@dataclass(frozen=True)
+class Job:
+    """A command that some hostile names are tried on."""
+
+    command: str
+    names: tuple[str, ...]
+    originals: Path
+    chromium: bool
+
+
+def run_job(job):
+    """Return (command, counts of the verdicts by word, what is wrong) of a job."""
+    counts, told = Counter(), []
+    with tempfile.TemporaryDirectory() as work, contextlib.ExitStack() as stack:
+        pages = stack.enter_context(open_pages()) if job.chromium else None
+        for _, _, verdict in try_command(job.command, job.originals, Path(work), job.names, told.append, pages):
+            counts[verdict.word] += 1
+    return job.command, counts, told
+
+
+def describe(outcome):
+    command, counts, told = outcome
+    return "\n".join([f"{command}: {counts.total()} tried", *told])
 
 
 def main():
@@ -564,19 +592,23 @@ def main():
     parser.add_argument("--names", nargs="+", choices=NAMES, default=[*NAMES])
     parser.add_argument("--chromium", action="store_true", help="open the pages in Chromium")
     parser.add_argument("--keep", type=Path, help="folder for the inputs, which a later run finds there")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
     options = parser.parse_args()
     counts = {name: Counter() for name in options.commands}
-    with tempfile.TemporaryDirectory() as directory, contextlib.ExitStack() as stack:
-        originals, work = (options.keep or Path(directory, "inputs")).absolute(), Path(directory, "work")
-        for each in (originals, work):
-            each.mkdir(exist_ok=True, parents=True)
-        pages = stack.enter_context(open_pages()) if options.chromium else None
-        for name in options.commands:
-            with contextlib.chdir(originals):
+    with tempfile.TemporaryDirectory() as directory:
+        originals = (options.keep or Path(directory)).absolute()
+        originals.mkdir(exist_ok=True, parents=True)
+        with contextlib.chdir(originals):
+            for name in options.commands:
                 for each in COMMANDS[name].needs:
                     make(each)
-            for _, _, verdict in try_command(name, originals, work, options.names, print, pages):
-                counts[name][verdict.word] += 1
+        jobs = [
+            Job(name, tuple(options.names[first : first + NAMES_OF_A_JOB]), originals, options.chromium)
+            for name in options.commands
+            for first in range(0, len(options.names), NAMES_OF_A_JOB)
+        ]
+        for name, found, _ in run_all(run_job, jobs, describe, processes=options.jobs):
+            counts[name] += found
     wrong = sorted({word for each in counts.values() for word in each} - {*WORDS})
     rows = [[name, str(each.total()), *(str(each[word]) for word in (*WORDS, *wrong))] for name, each in counts.items()]
     total = sum(counts.values(), Counter())
