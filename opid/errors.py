@@ -9,13 +9,21 @@ from collections import Counter
 from collections.abc import Hashable, Iterable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TypeVar
+from typing import Self, TypeVar
 
 Key = TypeVar("Key", bound=Hashable)
 
 
 class InputError(ValueError):
     """The input is not usable: the message says what was given, what was needed and what to do."""
+
+    def reword(self, message: str) -> Self:
+        """Return an error of the same class with another message."""
+        return type(self)(message)
+
+
+class FileError(InputError):
+    """A file or a folder is not usable: the message names it, so that whoever passes it on need not."""
 
 
 class NotDeterminedError(RuntimeError):
@@ -114,11 +122,11 @@ def refuse(faults: list[str], source: Path | None) -> None:
     each_once = list(dict.fromkeys(faults))
     if not each_once:
         return
-    place = f"{source}: " if source else ""
-    if len(each_once) == 1:
-        raise InputError(place + each_once[0])
     listed = "; ".join(f"({number}) {fault}" for number, fault in enumerate(each_once, start=1))
-    raise InputError(f"{place}{len(each_once)} faults: {listed}")
+    message = each_once[0] if len(each_once) == 1 else f"{len(each_once)} faults: {listed}"
+    if source:
+        raise FileError(f"{source}: {message}")
+    raise InputError(message)
 
 
 LEAST_BEGUN, MOST_BEGUN = 3, 4

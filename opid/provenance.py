@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from opid.errors import InputError
+from opid.errors import FileError, InputError
 
 MOST_BYTES = 1 << 29
 """Bytes of a file that is read whole: tables, studies and results are small, and logs are read block by block."""
@@ -41,7 +41,7 @@ def read_file(path: Path) -> ReadFile:
         OSError: it cannot be read.
     """
     if path.exists() and not path.is_file():
-        raise InputError(f"{path} is a directory, a pipe or a device: give the name of a file")
+        raise FileError(f"{path} is a directory, a pipe or a device: give the name of a file")
     with path.open("rb") as file:
         return ReadFile(str(path), hashlib.file_digest(file, "sha256").hexdigest())
 

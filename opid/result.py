@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from opid.errors import InputError, require, shorten_middle
+from opid.errors import FileError, InputError, require, shorten_middle
 from opid.estimate import Estimate, rounded, with_std
 from opid.json_values import read_json
 from opid.provenance import ReadFile
@@ -156,13 +156,13 @@ def load_document(path: Path, commands: Mapping[str, str]) -> dict[str, Any]:
     try:
         document: dict[str, Any] = read_json(path)
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}: check the name") from error
+        raise FileError(f"cannot read {path}: {error.strerror or error}: check the name") from error
     except InputError as error:
-        raise InputError(f"cannot read {path}: {error}") from error
+        raise FileError(f"cannot read {path}: {error}") from error
     except ValueError as error:
-        raise InputError(f"{path} is no JSON ({error}): {advice}") from error
+        raise FileError(f"{path} is no JSON ({error}): {advice}") from error
     schema = document.get("schema") if isinstance(document, dict) else None
     if not isinstance(schema, str) or schema not in commands:
         has = f"has the schema {_write_line(repr(schema))}" if schema is not None else "has no schema"
-        raise InputError(f"{path} {has} where {' or '.join(map(repr, commands))} is needed: {advice}")
+        raise FileError(f"{path} {has} where {' or '.join(map(repr, commands))} is needed: {advice}")
     return document

@@ -19,6 +19,7 @@ SOURCES = {
 ROOTS = {
     *("InputError", "NotDeterminedError"),
     *("click.ClickException", "click.UsageError", "click.BadParameter"),
+    "error.reword",  # the same class with another message
     "SystemExit",  # the system ends the command
 }
 """The classes that may reach the command line, with all that derive from them."""
@@ -211,3 +212,16 @@ def test_the_walk_finds_each_of_them(code):
 )
 def test_the_walk_leaves_what_is_right(code):
     assert find_all({"new.py": code}) == []
+
+
+@pytest.mark.parametrize("path", sorted(SOURCES))
+def test_an_error_that_names_its_file_says_so_by_its_class(path):
+    """A command puts the names of its files before an InputError, and a FileError has them already."""
+    named = [
+        f"line {node.lineno}: {ast.unparse(each.value)}"
+        for node in ast.walk(ast.parse(SOURCES[path]))
+        if isinstance(node, ast.Call) and name_of(node) == "InputError"
+        for each in ast.walk(node)
+        if isinstance(each, ast.FormattedValue) and ast.unparse(each.value).split(".")[-1] in ("path", "file")
+    ]
+    assert named == []

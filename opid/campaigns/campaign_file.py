@@ -11,7 +11,7 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from opid.errors import InputError, count_repeats, nearest, refuse, shorten_middle
+from opid.errors import FileError, InputError, count_repeats, nearest, refuse, shorten_middle
 from opid.json_values import LARGEST
 from opid.signals.files import nearest_beside, read_table
 from opid.studies.schema import Document, collect_faults, load, read_tables, require_plain
@@ -130,10 +130,10 @@ def read_campaign(path: str | os.PathLike[str]) -> CampaignPlan:
     if os.path.isdir(source):
         return CampaignPlan(source.resolve().name, tuple(_find_studies(source)))
     if not os.path.exists(source):
-        raise InputError(f"there is no campaign file or folder {source}{nearest_beside(source, ('.toml',))}")
+        raise FileError(f"there is no campaign file or folder {source}{nearest_beside(source, ('.toml',))}")
     document = load(source)
     if _OF_A_STUDY in document:
-        raise InputError(
+        raise FileError(
             f"{source} is a study, which `opid identify` takes: name it as the template of a campaign, study = "
             f'"{source.name}", in a file that also has flights'
         )
@@ -166,9 +166,9 @@ def read_rows(path: Path) -> list[dict[str, Cell]]:
     except OSError as error:
         # what is there and cannot be opened has no other name
         hint = nearest_beside(path, (".csv",)) if isinstance(error, FileNotFoundError) else ": check its permissions"
-        raise InputError(f"cannot read the table of flights {path}: {error.strerror}{hint}") from error
+        raise FileError(f"cannot read the table of flights {path}: {error.strerror}{hint}") from error
     except InputError as error:
-        raise InputError(f"cannot read the table of flights {path}: {error}") from error
+        raise FileError(f"cannot read the table of flights {path}: {error}") from error
     head, *rows = [row for row in table if any(row)] or [[]]
     faults = ["a column without a name in its head"] if "" in head else []
     faults += [f"the column {name!r} {n} times" for name, n in count_repeats(head).items() if name]
@@ -181,7 +181,7 @@ def read_rows(path: Path) -> list[dict[str, Cell]]:
     if not rows:
         faults.append("no row below its head")
     if faults:
-        raise InputError(f"the table of flights {path} has {'; '.join(faults[:_MOST_FAULTS])}: mend it")
+        raise FileError(f"the table of flights {path} has {'; '.join(faults[:_MOST_FAULTS])}: mend it")
     mend = _with_decimal_point if delimiter == ";" else str
     return [{name: mend(cell) for name, cell in zip(head, row, strict=False) if cell} for row in rows]
 
@@ -303,7 +303,7 @@ def _load_study(path: Path) -> Document:
     document = load(path)
     kind = kind_of(document, path)
     if kind is not SUSPENSIONS:
-        raise InputError(f"{path} is a study of {kind.subject}: give one of suspensions")
+        raise FileError(f"{path} is a study of {kind.subject}: give one of suspensions")
     return document
 
 
@@ -332,7 +332,7 @@ def _find_studies(folder: Path) -> Iterator[PlannedFlight]:
             date=stated if type(stated) is date else None,
         )
     if not found:
-        raise InputError(
+        raise FileError(
             f"there is no study of suspensions in the folder {folder} or below: give a folder with a study.toml for "
             "each flight, or a campaign file"
         )

@@ -14,7 +14,7 @@ import click
 from opid.cli.group import main
 from opid.cli.options import PATH, Unit, channel_units_option, example, out_option, time_unit_option, truth_option
 from opid.cli.output import REPORT, Output, result_name, with_output
-from opid.errors import InputError, NotDeterminedError
+from opid.errors import FileError, InputError, NotDeterminedError
 from opid.modal.settings import MODAL
 from opid.progress import Say
 
@@ -217,7 +217,7 @@ def _read_channels(log: Path, units: Mapping[str, str], time_unit: str | None) -
     for name in opened.signals:
         track, column = opened.find(name)
         if track.channels[column].unit is None and name not in units:
-            raise InputError(f"channel {name!r} of {log} states no unit: give it, like --unit {shlex.quote(name)}=N")
+            raise FileError(f"channel {name!r} of {log} states no unit: give it, like --unit {shlex.quote(name)}=N")
     channels = {name: ChannelSettings(name, unit=units.get(name)) for name in opened.signals}
     return recording_of(opened, how, channels=channels)
 
@@ -342,7 +342,7 @@ def decay(logs: tuple[Path, ...], output: Output, **settings: Any) -> None:
         try:
             found = _follow_decays(logs, read, settings, say)
         except InputError as error:
-            raise InputError(_name_options(str(error), settings)) from error
+            raise error.reword(_name_options(str(error), settings)) from error
         except NotDeterminedError as error:
             raise NotDeterminedError(_name_options(str(error), settings), error.partial) from error
         notes = output.write(found, progress=say)
@@ -468,11 +468,11 @@ def _read_channel(
     opened = open_log(log, how)
     track, column = opened.find(channel)
     if unit is None and track.channels[column].unit is None:
-        raise InputError(f"channel {channel!r} of {log} states no unit: give it, like --unit g, --unit mm/s")
+        raise FileError(f"channel {channel!r} of {log} states no unit: give it, like --unit g, --unit mm/s")
     wanted = {channel: ChannelSettings(channel, unit=unit)}
     record = recording_of(opened, how, channels=wanted)
     if record.channels[0].unit not in units:
-        raise InputError(
+        raise FileError(
             f"channel {channel!r} of {log} is in {record.channels[0].unit}: a free decay is followed in an "
             "acceleration, a velocity, a displacement, an angle or a strain; choose such a channel, or give the unit "
             "of its numbers, like --unit g"

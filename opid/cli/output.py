@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from opid.cli.group import VERBOSE, NotDetermined
-from opid.errors import InputError, escape_invisible, list_names
+from opid.errors import FileError, InputError, escape_invisible, list_names
 from opid.progress import Say, Step
 
 if TYPE_CHECKING:
@@ -62,10 +62,10 @@ def reserve_free(path: Path, names: tuple[str, ...], *, overwrite: bool) -> Rese
 
     reserved = click.get_current_context().with_resource(reserve_directory(path))
     for name in filter(lambda name: (reserved / name).is_dir(), names):
-        raise InputError(f"{path} has a directory called {name}: choose another folder")
+        raise FileError(f"{path} has a directory called {name}: choose another folder")
     there = [name for name in names if (reserved / name).exists()]
     if there and not overwrite:
-        raise InputError(f"{path} has {', '.join(there)} already: choose another folder, or overwrite with --force")
+        raise FileError(f"{path} has {', '.join(there)} already: choose another folder, or overwrite with --force")
     return reserved
 
 
@@ -136,13 +136,12 @@ class Output:
     @staticmethod
     @contextmanager
     def name_files(*paths: Path) -> Iterator[None]:
-        """Put the files that a command reads before the reason why they cannot be used, if it names no file."""
+        """Put the files that a command reads before the reason why they cannot be used, unless it names its file."""
         try:
             yield
+        except FileError:
+            raise
         except InputError as error:
-            # what cannot be written comes from the system, and names the folder
-            if isinstance(error.__cause__, OSError) or any(str(path) in str(error) for path in paths):
-                raise
             raise InputError(f"{list_names(paths)}: {error}") from error
 
     def write(

@@ -12,7 +12,7 @@ import click
 from opid.cli.group import main
 from opid.cli.options import PATH, Number, example, out_option
 from opid.cli.output import Output, result_name, with_output
-from opid.errors import InputError
+from opid.errors import FileError, InputError
 
 if TYPE_CHECKING:
     from opid.estimate import Estimate
@@ -181,13 +181,13 @@ def _require_place(path: Path, output: Output, *, is_inside: bool) -> None:
         if not is_inside:
             require_directory(path.parent)
     except InputError as error:
-        raise InputError(f"--log: {error}") from error
+        raise error.reword(f"--log: {error}") from error
     if len(os.fsencode(path.name)) > _LONGEST_NAME:
         raise InputError(f"--log: the name {path.name} is longer than {_LONGEST_NAME} bytes: give a shorter one")
     if os.path.lexists(path) and not path.is_file():
-        raise InputError(f"--log: {path} is no file: choose another place")
+        raise FileError(f"--log: {path} is no file: choose another place")
     if path.exists() and not output.overwrite:
-        raise InputError(f"--log: {path} is there already: choose another place, or overwrite it with --force")
+        raise FileError(f"--log: {path} is there already: choose another place, or overwrite it with --force")
 
 
 def _require_not_read(path: Path, study: Path, result: Path, found: Sensing) -> None:

@@ -22,7 +22,7 @@ from opid.cli.options import (
     unit_option,
 )
 from opid.cli.output import Output, result_name, with_output
-from opid.errors import InputError, list_names
+from opid.errors import FileError, InputError, list_names
 from opid.progress import Say
 from opid.suspensions.sensor_facts import USUAL_GAIN_TOLERANCE, USUAL_LAG_TOLERANCE_S
 from opid.suspensions.settings import METHODS, METHODS_OF_LAW
@@ -247,7 +247,7 @@ def _read_paths(paths: tuple[Path, ...], of_logs: dict[str, Any], say: Say) -> S
     if not (sprung and unsprung):
         for path in paths:
             if not path.exists():
-                raise InputError(f"there is no file or directory {path}{nearest_beside(path)}")
+                raise FileError(f"there is no file or directory {path}{nearest_beside(path)}")
         known = list_names(map(repr, open_log(paths[0]).names))
         raise click.UsageError(
             f"name the channels of the logs, of {known}: --sprung NAME --unsprung NAME, or give a study file"

@@ -10,7 +10,7 @@ import click
 from opid.cli.group import main
 from opid.cli.options import PATH, example, out_option, truth_option
 from opid.cli.output import Output, result_name, with_output
-from opid.errors import InputError, list_names
+from opid.errors import FileError, list_names
 
 if TYPE_CHECKING:
     from opid.mechanics.truth import UpdatingTruth
@@ -96,7 +96,7 @@ def _require_joints(study: UpdatingStudy, known: UpdatingTruth, truth: Path | No
     """Refuse a truth that is of another structure, whose joints have other names."""
     without = [joint for joint in study.structure.joints if joint not in known.laws]
     if without:
-        raise InputError(
+        raise FileError(
             f"{truth} has the laws of the joints {list_names(known.laws)}, and the study has {list_names(without)}: "
             "give the truth that was written beside this study, or leave it out"
         )

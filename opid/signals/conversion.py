@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from opid.errors import InputError, list_names
+from opid.errors import FileError, InputError, list_names
 from opid.signals.clock import Clock, ClockError, reconstructed_clock, uniform_clock
 from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings, Track
 from opid.signals.recording import Channel, FloatArray, Recording
@@ -60,7 +60,7 @@ def read_with_stamps(
     """
     if channels is None and len(log.tracks) > 1:
         known = list_names(map(repr, log.names), 12)
-        raise InputError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {known}")
+        raise FileError(f"{log.path} has {len(log.tracks)} clocks: name the channels wanted, of {known}")
     wanted = choose_channels(log, channels)
     positions = {name: log.find(own.channel) for name, own in wanted.items()}
     parts, judged = [], list[StampEvidence]()
@@ -127,7 +127,7 @@ def _name_log_in_errors(log: Log) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(f"{log.path}: {error}") from None
+        raise FileError(f"{log.path}: {error}") from None
 
 
 def _require_finite(log: Log, track: Track, columns: Iterable[int], samples: FloatArray, first: int) -> None:
@@ -135,7 +135,7 @@ def _require_finite(log: Log, track: Track, columns: Iterable[int], samples: Flo
         missing = np.flatnonzero(~np.isfinite(values))
         if missing.size:
             more = f", nor in {missing.size - 1} more row(s)" * (missing.size > 1)
-            raise InputError(
+            raise FileError(
                 f"{log.path} {track.locate(first + int(missing[0]))}: channel {track.channels[column].name!r} has no "
                 f"number there{more}: mend the log, or take a sound part of it (start_s and stop_s in a study)"
             )
@@ -162,7 +162,7 @@ def _read_stretch(
     begun: int | None = None
     for block in track.blocks(columns):
         if block.stamps is None:
-            raise InputError(f"{log.path} states neither a rate nor time stamps: give fs_hz in [log]")
+            raise FileError(f"{log.path} states neither a rate nor time stamps: give fs_hz in [log]")
         slack = 0.5 * float(np.median(np.diff(block.stamps))) if block.stamps.size > 1 else 0.0
         keep = (block.stamps >= low - slack) & (block.stamps < high - slack)
         if keep.any():
@@ -178,7 +178,7 @@ def _read_stretch(
     try:
         samples, clock, evidence = _space_equally(samples, stamps, settings)
     except ClockError as error:
-        raise InputError(f"{log.path} {track.locate(first + error.sample)}: {error}") from error
+        raise FileError(f"{log.path} {track.locate(first + error.sample)}: {error}") from error
     return samples, clock, first, evidence
 
 
@@ -209,11 +209,11 @@ def _find_clock(log: Log, track: Track, settings: LogSettings) -> Clock | None:
         return None
     stamps = [block.stamps for block in track.blocks([0]) if block.stamps is not None]
     if sum(part.size for part in stamps) < 2:
-        raise InputError(f"{log.path} holds no time stamps to reconstruct a clock from: give fs_hz in [log]")
+        raise FileError(f"{log.path} holds no time stamps to reconstruct a clock from: give fs_hz in [log]")
     try:
         return reconstructed_clock(np.concatenate(stamps))
     except ClockError as error:
-        raise InputError(f"{log.path} {track.locate(error.sample)}: {error}") from error
+        raise FileError(f"{log.path} {track.locate(error.sample)}: {error}") from error
 
 
 def _join(log: Log, parts: list[FloatArray], low: float, high: float) -> FloatArray:
@@ -221,10 +221,10 @@ def _join(log: Log, parts: list[FloatArray], low: float, high: float) -> FloatAr
     if n < 2:
         held = ("no samples", "one sample")[n]
         if np.isfinite(low) or np.isfinite(high):
-            raise InputError(
+            raise FileError(
                 f"the section {low:g} s to {high:g} s of {log.path} holds {held}: choose start and stop inside the log"
             )
-        raise InputError(f"{log.path} holds {held} below its header: give a run of some tens of seconds")
+        raise FileError(f"{log.path} holds {held} below its header: give a run of some tens of seconds")
     return np.concatenate(parts)
 
 
@@ -262,6 +262,6 @@ def require_distinct(log: Log, channels: Mapping[str, ChannelSettings]) -> None:
         track, column = log.find(settings.channel)
         other = positions.setdefault((id(track), column), name)
         if other != name:
-            raise InputError(
+            raise FileError(
                 f"{other!r} and {name!r} are both channel {settings.channel!r} of {log.path}: name two channels"
             )

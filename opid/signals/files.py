@@ -23,7 +23,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from opid.errors import InputError
+from opid.errors import FileError, InputError
 from opid.provenance import read_content
 
 PATIENCE_S = 10.0
@@ -153,9 +153,9 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
     """
     target = Path(os.path.realpath(path))  # a link is written through, not replaced
     if not target.parent.is_dir():
-        raise InputError(f"cannot write {path}: there is no directory {target.parent}: create it first")
+        raise FileError(f"cannot write {path}: there is no directory {target.parent}: create it first")
     if target.exists() and not target.is_file():
-        raise InputError(f"cannot write {path}: it is a directory or a device: give the name of a file")
+        raise FileError(f"cannot write {path}: it is a directory or a device: give the name of a file")
     temporary = target.with_name(f".{shorten_name(target.name)}.part")
     text = {"encoding": "utf-8", "newline": "\n"} if mode == "w" else {}
     try:
@@ -178,7 +178,7 @@ def write_whole(path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w") ->
         # an error that names another file comes from the caller; a failed write (a full disk) names no file
         if error.filename not in (None, str(temporary), temporary):
             raise
-        raise InputError(f"cannot write {path}: {error.strerror or error}: choose another place") from error
+        raise FileError(f"cannot write {path}: {error.strerror or error}: choose another place") from error
 
 
 def shorten_name(name: str) -> str:
@@ -223,7 +223,7 @@ def _open_alone(path: Path, wait_s: float, what: str) -> tuple[Path, _Alone]:
             path = path.with_name(f"{path.name.removesuffix('.part')}.{secrets.token_hex(4)}.part")
             return path, _Alone(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666), False)
         if time.monotonic() >= until and not is_locked:
-            raise InputError(
+            raise FileError(
                 f"cannot {what}: another process of opid is writing there: wait until it has ended, or choose another "
                 "place"
             )
@@ -261,15 +261,15 @@ def require_directory(path: str | os.PathLike[str]) -> Path:
     """
     target = Path(path)
     if len(target.parts) > _DEEPEST:
-        raise InputError(
+        raise FileError(
             f"cannot write into {path}: it lies {len(target.parts)} directories deep, and at most {_DEEPEST} are made: "
             "choose another place"
         )
     there = next(part for part in (target, *target.absolute().parents) if os.path.lexists(part))
     if not there.is_dir():
-        raise InputError(f"cannot write into {path}: {there} is no directory: choose another place")
+        raise FileError(f"cannot write into {path}: {there} is no directory: choose another place")
     if not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f"cannot write into {path}: {there} is not writable: choose another place")
+        raise FileError(f"cannot write into {path}: {there} is not writable: choose another place")
     return target
 
 
@@ -283,7 +283,7 @@ def make_directory(path: str | os.PathLike[str]) -> Path:
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"cannot make the directory {path}: {error.strerror}: choose another place") from error
+        raise FileError(f"cannot make the directory {path}: {error.strerror}: choose another place") from error
     return target
 
 
@@ -342,7 +342,7 @@ class ReservedDirectory(os.PathLike[str]):
             cause = error if isinstance(error, OSError) else error.__cause__
             if not isinstance(cause, OSError) or (cause.filename and not self._is_of(cause.filename)):
                 raise
-            raise InputError(
+            raise FileError(
                 f"cannot write into {self.path}: {cause.strerror or cause}: choose another place"
             ) from cause
         finally:
@@ -384,7 +384,7 @@ def reserve_directory(path: str | os.PathLike[str], *, wait_s: float = 0.0) -> I
         hidden, alone = _take_hidden(target, wait_s)
     except OSError as error:
         at = f"{error.filename}: " if error.filename else ""
-        raise InputError(f"cannot write into {path}: {at}{error.strerror or error}: choose another place") from error
+        raise FileError(f"cannot write into {path}: {at}{error.strerror or error}: choose another place") from error
     try:
         yield ReservedDirectory(target, hidden)
     finally:
@@ -507,7 +507,7 @@ def _exchange(reserved: ReservedDirectory, new: Path) -> None:
     older = [name for name in older if os.path.lexists(target / name)]
     for name in older:
         if (target / name).is_dir():
-            raise InputError(f"cannot write {reserved / name}: it is a directory: choose another place")
+            raise FileError(f"cannot write {reserved / name}: it is a directory: choose another place")
     (new.parent / _NAMES).write_bytes(b"\0".join(map(os.fsencode, names)))
     (new.parent / _OLD).mkdir()
     try:

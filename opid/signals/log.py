@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import FileError, InputError, nearest
 from opid.provenance import ReadFile, read_file
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.units import RATE_RANGE_HZ, to_si
@@ -135,15 +135,15 @@ class Log:
         columns = [(track, column) for track in self.tracks for column in range(len(track.channels))]
         if isinstance(channel, int):
             if not 1 <= channel <= len(columns):
-                raise InputError(f"there is no channel number {channel} in {self.path}: it has {len(columns)}")
+                raise FileError(f"there is no channel number {channel} in {self.path}: it has {len(columns)}")
             return columns[channel - 1]
         full = {place: _join_name(place[0], place[0].channels[place[1]]) for place in columns}
         found = [(track, i) for track, i in columns if channel in (full[track, i], track.channels[i].name)]
         if not found:
-            raise InputError(f"there is no channel {channel!r} in {self.path}: {nearest(channel, self.names)}")
+            raise FileError(f"there is no channel {channel!r} in {self.path}: {nearest(channel, self.names)}")
         if len(found) > 1:
             several = ", ".join(repr(full[place]) for place in found)
-            raise InputError(f"{len(found)} channels of {self.path} are called {channel!r}: write one of {several}")
+            raise FileError(f"{len(found)} channels of {self.path} are called {channel!r}: write one of {several}")
         return found[0]
 
 

@@ -11,7 +11,7 @@ import unicodedata
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
-from opid.errors import InputError, nearest
+from opid.errors import FileError, InputError, nearest
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s^2 (3rd CGPM, 1901)."""
@@ -221,13 +221,13 @@ def stated_rate(numbers: Mapping[str, float]) -> float | None:
 def require_names(path: object, names: Sequence[str], n: int, what: str = "channel(s)") -> None:
     """Raise an error unless [log] names each of n columns."""
     if len(names) != n:
-        raise InputError(f"{path} has {n} {what}, names in [log] are {len(names)}: name each of them")
+        raise FileError(f"{path} has {n} {what}, names in [log] are {len(names)}: name each of them")
 
 
 def require_rate(fs: float, *, where: str) -> float:
     """Return a rate, Hz; raise an error if no recorder can have it."""
     if not (math.isfinite(fs) and RATE_RANGE_HZ[0] <= fs <= RATE_RANGE_HZ[1]):
-        raise InputError(f"{where} states a rate of {fs:g} Hz: give the true one as fs_hz in [log]")
+        raise FileError(f"{where} states a rate of {fs:g} Hz: give the true one as fs_hz in [log]")
     return float(fs)
 
 
@@ -236,7 +236,7 @@ def seconds_per_unit(unit: str | None, *, where: str) -> float:
     if not unit:
         return 1.0
     if si_unit(unit) != "s":
-        raise InputError(
+        raise FileError(
             f"{where}: the time is in {unit!r}, which is no unit of time: give time_unit in [log] of a study "
             "(--time-unit without one)"
         )

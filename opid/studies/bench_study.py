@@ -132,7 +132,7 @@ def _read_with_time(files: RunFiles, say: Say) -> Run:
         has_stretch = files.start_s is not None or files.stop_s is not None
         if has_stretch or not _is_readable(_drop_time(files)):
             raise
-        raise InputError(
+        raise error.reword(
             f"{error}; a test so slow that time means nothing needs none: --quasi-static, or quasi_static = true in a "
             "study"
         ) from None

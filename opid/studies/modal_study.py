@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from opid.errors import InputError, nearest, refuse
+from opid.errors import FileError, InputError, nearest, refuse
 from opid.modal.linear.modes import LinearModes, ModalTest, modal_test
 from opid.modal.linear.modes_file import read_modes, write_modes
 from opid.modal.resonance.curve_file import CurveColumns, read_curve, write_curve
@@ -202,12 +202,12 @@ def read_decays(path: Path, logs: Sequence[Path], say: Say) -> Decays:
     document = load(path)
     found = kind_of(document, path)
     if found is not MODAL_TESTS:
-        raise InputError(f"{path} is a study of {found.subject}: give one of modal tests, which has a table [modes]")
+        raise FileError(f"{path} is a study of {found.subject}: give one of modal tests, which has a table [modes]")
     study, faults = read_tables(_Study, document)
     refuse(faults, path)
     inside, beside = study.split_settings()
     if "gain_tolerance" in inside and "gain_tolerance" in beside:
-        raise InputError(f"{path}: 'gain_tolerance' stands in [modes] and beside it: give it once")
+        raise FileError(f"{path}: 'gain_tolerance' stands in [modes] and beside it: give it once")
     stated: dict[str, Any] = {"gain_tolerance": study.gain_tolerance} | beside | inside
     modes, channels = read_modes(path.parent / study.modes.file), _read_channels(study)
     tests = []
@@ -346,7 +346,7 @@ def _choose_channels(
     """Return the channels of a test: the forces, and the sensors of the shapes that the log has."""
     names = [name for name in modes.sensors if name in channels or name in log.names]
     if not names:
-        raise InputError(
+        raise FileError(
             f"{log.path} has none of the sensors of the shapes ({', '.join(map(repr, modes.sensors[:4]))}, ...), but "
             f"{', '.join(map(repr, log.names[:4]))}: say in [channels] which is which"
         )

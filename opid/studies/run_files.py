@@ -349,7 +349,7 @@ def _read_part(
             stop_s=None if end is None else recorder.from_run(end),
         )
     except InputError as error:
-        raise InputError(f"{error}{reasons}") from None
+        raise error.reword(f"{error}{reasons}") from None
     history, names, fs = list(part.history), ", ".join(part.names), part.fs
     if recorder.shift_s:
         history.append(f"{names}: times shifted by {recorder.shift_s:g} s")

@@ -28,7 +28,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import tomli_w
 
-from opid.errors import InputError, meant_by, nearest
+from opid.errors import FileError, InputError, meant_by, nearest
 from opid.provenance import read_content
 from opid.signals.files import nearest_beside
 from opid.signals.recording import LARGEST_SIZE, LEAST_SIZE
@@ -72,17 +72,17 @@ def load(source: Path) -> Document:
         InputError: it is missing, or no TOML.
     """
     if not os.path.isfile(source):
-        raise InputError(f"there is no study file {source}{nearest_beside(source, ('.toml',))}")
+        raise FileError(f"there is no study file {source}{nearest_beside(source, ('.toml',))}")
     try:
         return tomllib.loads(read_content(source).decode("utf-8-sig"))
     except OSError as error:
-        raise InputError(f"cannot read {source}: {error.strerror}") from error
+        raise FileError(f"cannot read {source}: {error.strerror}") from error
     except InputError as error:
-        raise InputError(f"cannot read {source}: {error}") from error
+        raise FileError(f"cannot read {source}: {error}") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{source} is not UTF-8 text: a study is a TOML file") from error
+        raise FileError(f"{source} is not UTF-8 text: a study is a TOML file") from error
     except (ValueError, RecursionError) as error:  # an integer of thousands of digits is a ValueError, too
-        raise InputError(f"{source} is no TOML: {error}") from error
+        raise FileError(f"{source} is no TOML: {error}") from error
 
 
 # ---- tables -> records -----------------------------------------------------------------------------
@@ -268,7 +268,7 @@ def prefix_errors(words: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(f"{words}{error}") from None
+        raise error.reword(f"{words}{error}") from None
 
 
 @contextmanager

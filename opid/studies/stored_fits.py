@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from opid.errors import InputError
+from opid.errors import FileError
 from opid.result import RESULT_FILE
 from opid.studies.schema import read_tables
 from opid.suspensions.answer.stored_fit import StoredFit
@@ -33,13 +33,13 @@ def read_fits(path: str | os.PathLike[str]) -> tuple[StoredFit, ...]:
     document = load_result(file)
     if "fits" not in document:
         why = "by an older version" if document.get("method") == "model" else f"by --method {document.get('method')}"
-        raise InputError(f"{file} was written {why} and holds no fit: identify the study again with `opid identify`")
+        raise FileError(f"{file} was written {why} and holds no fit: identify the study again with `opid identify`")
     found, faults = read_tables(_Fits, {"fits": document["fits"]})
     if faults:
-        raise InputError(f"{file} is no valid result: {faults[0]}: write it again with `opid identify`")
+        raise FileError(f"{file} is no valid result: {faults[0]}: write it again with `opid identify`")
     names = Counter(name for fit in found.fits for name in fit.interfaces)
     if twice := [name for name, n in names.items() if n > 1]:
-        raise InputError(
+        raise FileError(
             f"{file} is no valid result: it has several fits of the interface {twice[0]!r}: write it again with "
             "`opid identify`"
         )

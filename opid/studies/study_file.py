@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from opid.errors import InputError
+from opid.errors import FileError, InputError
 from opid.progress import Say
 from opid.signals.files import PATIENCE_S, reserve_directory
 from opid.studies.schema import Document, find_misspelt, load
@@ -183,7 +183,7 @@ def read_study(path: str | os.PathLike[str], *, kind: type[Any] | None = None, p
     logger.info("read %s: a study of %s", source, found.subject)
     if kind is not None and f"{kind.__module__}.{kind.__qualname__}" != f"opid.{found.record}":
         command = f"opid {found.command} {shlex.quote(str(source))}"
-        raise InputError(f"{source} is a study of {found.subject}: use `{command}`")
+        raise FileError(f"{source} is a study of {found.subject}: use `{command}`")
     return _load_module(found).build_study(document, source, progress or (lambda step: None))
 
 
@@ -212,7 +212,7 @@ def write_study(study: AnyStudy, path: str | os.PathLike[str]) -> None:
             f"study is of type {type(study).__name__}: give a Study, a BenchStudy, a ModalStudy or an UpdatingStudy"
         )
     if not target.parent.is_dir():
-        raise InputError(f"cannot write {path}: there is no directory {target.parent}: create it first")
+        raise FileError(f"cannot write {path}: there is no directory {target.parent}: create it first")
     with (
         reserve_directory(target.parent, wait_s=PATIENCE_S) as reserved,
         reserved.replace_files(last=target.name) as folder,
@@ -246,7 +246,7 @@ def kind_of(document: Document, source: Path) -> StudyKind:
     if best > (0, 0) and ranks.count(best) == 1:
         return KINDS[ranks.index(best)]
     named = [repr(name) for name in document][:8] + ["..."] * (len(document) > 8)
-    raise InputError(
+    raise FileError(
         f"{source} is no study: it has {', '.join(named) or 'no keys'}; {'; '.join(_say_what_lacks(document))}"
     )
 

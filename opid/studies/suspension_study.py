@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from opid.errors import InputError, meant_by, nearest, refuse
+from opid.errors import FileError, InputError, meant_by, nearest, refuse
 from opid.progress import Say
 from opid.signals.files import read_table
 from opid.signals.health.result import Finding
@@ -354,9 +354,9 @@ def read_loading(path: Path) -> tuple[PointMass, ...]:
     try:
         table, delimiter = read_table(path)
     except OSError as error:
-        raise InputError(f"cannot read the loading table {path}: {error.strerror}: check the name") from error
+        raise FileError(f"cannot read the loading table {path}: {error.strerror}: check the name") from error
     except InputError as error:
-        raise InputError(f"cannot read the loading table {path}: {error}") from error
+        raise FileError(f"cannot read the loading table {path}: {error}") from error
     head, *rows = [row for row in table if any(row)] or [[]]
     faults = [f"lacks the column {name!r} ({nearest(name, head)})" for name in LOADING_COLUMNS if name not in head]
     loading = []
@@ -372,7 +372,7 @@ def read_loading(path: Path) -> tuple[PointMass, ...]:
     if not faults and not rows:
         faults = ["has no row below its head, give one a mass (for the reference leave 'loading' out)"]
     if faults:
-        raise InputError(f"the loading table {path} {'; it '.join(faults)}")
+        raise FileError(f"the loading table {path} {'; it '.join(faults)}")
     return tuple(loading)
 
 
@@ -590,9 +590,9 @@ def study_from_logs(
             raise InputError(f"a mass change is {change!r}: give a number, kg")
     for path in paths:
         if not isinstance(path, (str, os.PathLike)):
-            raise InputError(f"a log is {path!r}: give the name of its file")
+            raise FileError(f"a log is {path!r}: give the name of its file")
         if list(paths).count(path) > 1:
-            raise InputError(f"the log {path} is given twice: each run has a log of its own")
+            raise FileError(f"the log {path} is given twice: each run has a log of its own")
     if len(paths) == 0 or len(mass_changes_kg) != len(paths) - 1:
         raise InputError(
             f"{len(paths)} log(s) and {len(mass_changes_kg)} mass change(s) are given: "
@@ -638,7 +638,7 @@ def find_log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str])
     source = Path(path)
     document = load(source)
     if (kind := kind_of(document, source)) is not SUSPENSIONS:
-        raise InputError(f"{source} is a study of {kind.subject}: give one of suspensions, or none")
+        raise FileError(f"{source} is a study of {kind.subject}: give one of suspensions, or none")
     study = _read_body(document, source)
     with prefix_errors(f"{source}: "):
         all_files = [_find_run_files(study, run, source.parent) for run in study.runs]
@@ -692,12 +692,12 @@ def read_further_run(
         raise InputError("the study was not read from a file, so that nothing says how to read the log: give a Run")
     names = [run.name for run in study.runs]
     if any(run.highest_hz for run in study.runs) or study.strut_sensors:
-        raise InputError(
+        raise FileError(
             f"{study.source} has sensors of velocity, displacement, travel or force: add the log to it as a run, and "
             "name the run"
         )
     if like is not None and like not in names:
-        raise InputError(f"{study.source} has no run {like!r}: {nearest(like, names)}")
+        raise FileError(f"{study.source} has no run {like!r}: {nearest(like, names)}")
     if mass_change_kg is not None and not study.is_one_gear:
         raise InputError("a mass change has a place on a body with several suspensions: name a run with that loading")
     index = 0 if like is None else names.index(like)
@@ -706,12 +706,12 @@ def read_further_run(
     with prefix_errors(f"{study.source}: "):
         files = _find_run_files(tables, replace(tables.runs[index], log=str(path.absolute())), study.source.parent)
     if any(source.channel.file is not None for source in files.sources.values()):
-        raise InputError(
+        raise FileError(
             f"{study.source} takes the channels of a run from several files: add the log to it as a run, and name the "
             "run"
         )
     if files.sensors:
-        raise InputError(
+        raise FileError(
             f"{study.source} has sensors of three axes, whose vertical is that of all its runs: add the log to it as a "
             "run, and name the run"
         )

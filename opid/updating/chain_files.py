@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from opid.errors import InputError, pip_install, require
+from opid.errors import FileError, pip_install, require
 from opid.signals.files import PATIENCE_S, reserve_directory, write_whole
 from opid.updating.result import ClassPosterior, LinearPosterior, Updating
 from opid.updating.sampling.chains import to_inference_data
@@ -56,7 +56,7 @@ def write_chains(result: Updating, directory: str | os.PathLike[str]) -> tuple[P
                 data.to_netcdf(folder / names[-1])
             except (ImportError, ValueError) as error:
                 reason, path = " ".join(str(error).split()), reserved / names[-1]
-                raise InputError(f"ArviZ cannot write {path} ({reason}): run `{pip_install('h5netcdf')}`") from error
+                raise FileError(f"ArviZ cannot write {path} ({reason}): run `{pip_install('h5netcdf')}`") from error
             if len(chain.samples) > 1:
                 of_chains[name] = data
         if of_chains:

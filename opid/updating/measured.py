@@ -17,7 +17,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from opid.errors import InputError, count_repeats, nearest
+from opid.errors import FileError, InputError, count_repeats, nearest
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.structure import read_only
 from opid.provenance import ReadFile, read_file
@@ -317,15 +317,15 @@ def read_backbone(
     """
     source = Path(path)
     if not os.path.isfile(source):
-        raise InputError(f"there is no backbone {path}: check the name")
+        raise FileError(f"there is no backbone {path}: check the name")
     try:
         called = source.stem if name is None else name
         read = _read_curve(source, mode, controlled_sensor, sensors, unit, called, drive or "")
         return replace(read, files=(read_file(source),))
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise FileError(f"{path}: {error}") from None
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
 
 
 def read_result_backbones(
@@ -383,9 +383,9 @@ def read_result_backbones(
             )  # fmt: skip
             errors.append(float(np.median(std_hz / frequency_hz)))
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise FileError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(f"{path} is damaged ({type(error).__name__}: {error}): write it again") from None
+        raise FileError(f"{path} is damaged ({type(error).__name__}: {error}): write it again") from None
     return found, max(errors)
 
 
@@ -402,7 +402,7 @@ def write_backbone(backbone: MeasuredBackbone, path: str | os.PathLike[str]) -> 
     for sensor in backbone.sensors:
         is_plain = split_unit(f"{sensor} [m]") == (sensor, "m") and not HIGHER.fullmatch(sensor)
         if not is_plain or "\n" in sensor or sensor.casefold() in FREQUENCY_NAMES:
-            raise InputError(f"the sensor {sensor!r} cannot be the name of a column of {path}: rename it")
+            raise FileError(f"the sensor {sensor!r} cannot be the name of a column of {path}: rename it")
     with write_whole(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         force = [] if backbone.force_n is None else [backbone.force_n]

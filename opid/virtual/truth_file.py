@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from opid.errors import InputError, shorten_middle
+from opid.errors import FileError, InputError, shorten_middle
 from opid.json_values import json_text, plain, read_json
 from opid.mechanics.laws.law import Law, law_from_parameters
 from opid.mechanics.truth import (
@@ -82,18 +82,18 @@ def read_truth(path: str | os.PathLike[str], record: type[T]) -> T:
             )
         return kind.read(table)  # type: ignore[return-value]
     except OSError as error:
-        raise InputError(
+        raise FileError(
             f"cannot read the truth {path}: {error.strerror or error}: {remedy}, or leave it out"
         ) from error
     except InputError as error:
-        raise InputError(f"{path} is not the truth of {kind.what}, {error}") from error
+        raise FileError(f"{path} is not the truth of {kind.what}, {error}") from error
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
         why = (
             f"it has no {error.args[0]!r}"
             if isinstance(error, KeyError)
             else "one of its values is not of the kind that such a file holds"
         )
-        raise InputError(f"{path} is not the truth of {kind.what}, {why}: {remedy}") from error
+        raise FileError(f"{path} is not the truth of {kind.what}, {why}: {remedy}") from error
 
 
 def _load(path: Path, remedy: str) -> Any:

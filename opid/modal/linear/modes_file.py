@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.errors import InputError, count_repeats, meant_by, nearest, require
+from opid.errors import FileError, InputError, count_repeats, meant_by, nearest, require
 from opid.modal.linear.modes import ACCELERATION, LinearModes
 from opid.modal.settings import MODAL
 from opid.signals.files import read_table_text, split_rows, write_whole
@@ -53,15 +53,15 @@ def read_modes(path: str | os.PathLike[str]) -> LinearModes:
     source = Path(path)
     kind = source.suffix.lower()
     if kind not in _READERS:
-        raise InputError(f"{path} is not a file of modes: give one that ends in .npz, .csv, .uff or .unv")
+        raise FileError(f"{path} is not a file of modes: give one that ends in .npz, .csv, .uff or .unv")
     if not os.path.isfile(source):
-        raise InputError(f"there is no file of modes {path}: check the name")
+        raise FileError(f"there is no file of modes {path}: check the name")
     try:
         return _READERS[kind](source)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise FileError(f"{path}: {error}") from None
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
 
 
 def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
@@ -87,7 +87,7 @@ def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
     elif kind == ".csv":
         for sensor in modes.sensors:
             if _recognise(sensor, ROWS) or not sensor or sensor != sensor.strip() or "\r" in sensor or "\n" in sensor:
-                raise InputError(
+                raise FileError(
                     f"the sensor {sensor!r} cannot be the name of a row of {path}: rename it, or write an .npz file"
                 )
         with write_whole(path) as file:
@@ -97,7 +97,7 @@ def write_modes(modes: LinearModes, path: str | os.PathLike[str]) -> None:
             for name, values in rows:
                 writer.writerow([name, *(repr(float(value)) for value in values)])
     else:
-        raise InputError(f"cannot write modes to {path}: give a name that ends in .npz or .csv")
+        raise FileError(f"cannot write modes to {path}: give a name that ends in .npz or .csv")
 
 
 def looks_unit_normalised(modes: LinearModes) -> str:

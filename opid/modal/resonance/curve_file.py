@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import FileError, InputError, nearest
 from opid.mechanics.structure import ComplexArray
 from opid.modal.resonance.curves import ResponseCurve
 from opid.provenance import read_file
@@ -79,7 +79,7 @@ def read_curve(
     """
     source = Path(path)
     if not os.path.isfile(source):
-        raise InputError(f"there is no response curve {path}: check the name")
+        raise FileError(f"there is no response curve {path}: check the name")
     try:
         header, values = read_table(source, ",".join(HEADER))
         table = _Table(tuple(header), values)
@@ -97,9 +97,9 @@ def read_curve(
         )
         return replace(curve, files=(read_file(source),))
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise FileError(f"{path}: {error}") from None
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
 
 
 def _read_motion(table: _Table, columns: CurveColumns, hz: FloatArray) -> tuple[ComplexArray, FloatArray]:

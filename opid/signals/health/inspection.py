@@ -9,7 +9,7 @@ from itertools import accumulate, chain, combinations
 
 import numpy as np
 
-from opid.errors import InputError, NotDeterminedError, list_names
+from opid.errors import FileError, InputError, NotDeterminedError, list_names
 from opid.signals.conversion import choose_channels
 from opid.signals.health.across_channels import check_magnitudes, check_pair, compare_pairs
 from opid.signals.health.channel import Bins, MomentCheck, RunCheck, describe_channel
@@ -146,9 +146,9 @@ def _inspect_track(
     fs = settings.fs_hz or track.fs
     first, usual = _read_first_stamps(blocks, stated=fs is not None)
     if not first:
-        raise InputError(f"{log.path} holds no samples: export the log again")
+        raise FileError(f"{log.path} holds no samples: export the log again")
     if fs is None and first[0].stamps is None:
-        raise InputError(f"{log.path} states neither a rate nor time stamps: give fs_hz in [log]")
+        raise FileError(f"{log.path} states neither a rate nor time stamps: give fs_hz in [log]")
     start_s = 0.0 if settings.fs_hz and track.fs is None else track.start_s
     clock = ClockCheck(fs=fs, start_s=start_s, setting=settings.clock, usual=usual, n_channels=n)
     check = _TrackCheck(track.name, tuple(wanted), [each.unit for each in wanted.values()], clock, thorough=thorough)
@@ -278,7 +278,7 @@ def check_channels(
             samples = recording.channel(below), recording.channel(above)
             found += check_pair(*samples, fs=recording.fs, names=(below, above))
         except InputError as error:
-            raise InputError(f"run {run!r}: {error}") from None
+            raise error.reword(f"run {run!r}: {error}") from None
     found += check_magnitudes(recording, sorted(used))
     health = inspect(recording, thorough=False)
     # notes are left out: gravity on a channel, say, is taken off with the mean anyway

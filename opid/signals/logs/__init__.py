@@ -17,7 +17,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any
 
-from opid.errors import InputError, missing_library, nearest
+from opid.errors import FileError, InputError, missing_library, nearest
 from opid.signals.clock import mark_clocks
 from opid.signals.conversion import recording_of
 from opid.signals.files import nearest_beside
@@ -110,14 +110,14 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
     _load_formats()
     try:
         if not os.path.exists(file):
-            raise InputError(f"there is no file {path}{nearest_beside(file, _READERS)}")
+            raise FileError(f"there is no file {path}{nearest_beside(file, _READERS)}")
         if not os.path.isfile(file):
-            raise InputError(f"{path} is a directory or a device, not a log: give the name of one file")
+            raise FileError(f"{path} is a directory or a device, not a log: give the name of one file")
         if file.stat().st_size == 0:
-            raise InputError(f"{path} is empty: export the log again")
+            raise FileError(f"{path} is empty: export the log again")
         form = _find_format(file)
         if settings.full_scale is not None and form.name != _SCALED:
-            raise InputError(
+            raise FileError(
                 f"{path} is a {form.name} file, and full_scale of [log] is for {_SCALED} files: remove it, "
                 "or give `scale` in the channel's table of [channels]"
             )
@@ -125,7 +125,7 @@ def open_log(path: str | os.PathLike[str], settings: LogSettings = AS_WRITTEN) -
         logger.info("opened %s: %s with %d channels", path, form.name, len(log.names))
         return log
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}: check the file and its rights") from error
+        raise FileError(f"cannot read {path}: {error.strerror or error}: check the file and its rights") from error
 
 
 def read_log(
@@ -188,7 +188,7 @@ def require_written_format(path: str | os.PathLike[str]) -> None:
     _load_formats()
     ending = Path(path).suffix.lower()
     if ending not in _WRITERS:
-        raise InputError(f"cannot write {path}: no format has the ending {ending!r}: {nearest(ending, _WRITERS)}")
+        raise FileError(f"cannot write {path}: no format has the ending {ending!r}: {nearest(ending, _WRITERS)}")
 
 
 def formats() -> dict[str, Format]:
@@ -212,24 +212,24 @@ def _find_format(file: Path) -> Format:
     if ending == GZIP:
         form = _READERS.get(Path(file.stem).suffix.lower())
         if form is None or not form.text:
-            raise InputError(f"cannot read {file}: only text logs (.csv.gz, ...) are read compressed: unpack it first")
+            raise FileError(f"cannot read {file}: only text logs (.csv.gz, ...) are read compressed: unpack it first")
         if not head.startswith(b"\x1f\x8b"):
-            raise InputError(f"{file} is no gzip data, as its ending says: rename it, or export it again")
+            raise FileError(f"{file} is no gzip data, as its ending says: rename it, or export it again")
         return form
     form = _READERS.get(ending)
     if form is None:
         alike = {each.name: each for each in _READERS.values() if head.startswith(each.magic)}
         if ending == ".xls":
-            raise InputError(f"cannot read {file}: the older format of Excel is not read: save it as .xlsx")
+            raise FileError(f"cannot read {file}: the older format of Excel is not read: save it as .xlsx")
         if len(alike) != 1:
-            raise InputError(f"cannot read {file}: no format has the ending {ending!r}: {nearest(ending, _READERS)}")
+            raise FileError(f"cannot read {file}: no format has the ending {ending!r}: {nearest(ending, _READERS)}")
         return next(iter(alike.values()))
     if form.magic and not head.startswith(form.magic):
-        raise InputError(
+        raise FileError(
             f"{file} is no {form.name} file{_describe_beginning(head)}: check the ending, or export it again"
         )
     if form.text and not form.magic and (foreign := _describe_beginning(head)):
-        raise InputError(f"{file} is no {form.name} file{foreign}: check the ending, or export it as {form.name}")
+        raise FileError(f"{file} is no {form.name} file{foreign}: check the ending, or export it as {form.name}")
     return form
 
 
@@ -247,10 +247,10 @@ def _guard(file: Path, form: Format, settings: LogSettings) -> Log:
     with _raise_one_sentence(file, form):
         log = form.open(file, settings)
     if not log.tracks or not any(track.channels for track in log.tracks):
-        raise InputError(f"{file} holds no channel with numbers: export the log again")
+        raise FileError(f"{file} holds no channel with numbers: export the log again")
     for track in log.tracks:
         if (track.n_samples or 0) * len(track.channels) > VALUES_PER_BYTE * before.st_size:
-            raise InputError(
+            raise FileError(
                 f"{file} says that it holds {track.n_samples} samples of {len(track.channels)} channel(s) in "
                 f"{before.st_size} bytes: its header is damaged; export the log again"
             )
@@ -261,7 +261,7 @@ def _guard(file: Path, form: Format, settings: LogSettings) -> Log:
                 yield from track.rows(columns, start, stop)
             after = file.stat() if file.exists() else None  # it may have been deleted
             if after is None or (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
-                raise InputError(f"{file} changed while it was read: wait until the recorder has closed it, or copy it")
+                raise FileError(f"{file} changed while it was read: wait until the recorder has closed it, or copy it")
 
         return replace(track, rows=rows)
 
@@ -280,15 +280,15 @@ def _raise_one_sentence(file: Path, form: Format) -> Iterator[None]:
             raise
         raise missing_library(f"reading {file} ({form.name})", form.needs, form.extra) from error
     except MemoryError as error:
-        raise InputError(
+        raise FileError(
             f"{file} takes more memory than its size explains: it is damaged, or a whole that is packed tightly; "
             "export it again, or as shorter stretches, or as HDF5, which is read block by block"
         ) from error
     except Exception as error:
         # with a number it comes from the system, not from a library that met damage
         if isinstance(error, OSError) and error.errno is not None:
-            raise InputError(f"cannot read {file}: {error.strerror or error}: check the file and its rights") from error
+            raise FileError(f"cannot read {file}: {error.strerror or error}: check the file and its rights") from error
         reason = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
-        raise InputError(
+        raise FileError(
             f"{file} is no sound {form.name} file ({reason}): it is cut off or damaged; export it again"
         ) from error

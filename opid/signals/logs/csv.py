@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import FileError, InputError, nearest
 from opid.signals.files import write_whole
 from opid.signals.log import AS_WRITTEN, Block, Log, LoggedChannel, LogSettings, Track, rows_from_start
 from opid.signals.logs import reader, writer
@@ -155,18 +155,18 @@ def _find_time_column(path: Path, header: TextHeader, settings: LogSettings) -> 
     names = [column.name for column in columns]
     if isinstance(settings.time, int):
         if not 1 <= settings.time <= len(names):
-            raise InputError(f"{path}: time is column {settings.time} in [log]: give a number from 1 to {len(names)}")
+            raise FileError(f"{path}: time is column {settings.time} in [log]: give a number from 1 to {len(names)}")
         return settings.time - 1
     if settings.time is not None:
         if settings.time not in names:
-            raise InputError(f"{path} has no column {settings.time!r} (time in [log]): {nearest(settings.time, names)}")
+            raise FileError(f"{path} has no column {settings.time!r} (time in [log]): {nearest(settings.time, names)}")
         return names.index(settings.time)
     sure = [i for i, each in enumerate(columns) if each.kind == STAMP or si_unit(each.unit or "") == "s"]
     likely = time_name([names[i] for i in sure])
     if likely is not None:
         found = [i for i in sure if names[i].casefold() == likely.casefold()]
         if len(found) > 1:
-            raise InputError(f"{_locate(path, header)} names {len(found)} columns {likely!r}: rename all but one")
+            raise FileError(f"{_locate(path, header)} names {len(found)} columns {likely!r}: rename all but one")
         return found[0]
     stamps = [i for i in sure if columns[i].kind == STAMP]
     unsure = time_name([each.name for each in columns if si_unit(each.unit or "") is None])
@@ -184,12 +184,12 @@ def _find_time_unit(
         return None
     where = f"{_locate(path, header)}: column {column.name!r}"
     if column.kind == DATE:
-        raise InputError(f"{where} holds dates without a time of day: give another as `time`, or `fs_hz`, in [log]")
+        raise FileError(f"{where} holds dates without a time of day: give another as `time`, or `fs_hz`, in [log]")
     if column.kind in (TEXT, UNREAD):
         raise _describe_texts_as_time(where, first[time] if time < len(first) else "")
     unit = settings.time_unit or column.unit
     if unit is None:
-        raise InputError(
+        raise FileError(
             f"{where} has no unit: write it in brackets, like `{column.name} [s]`, or give `time_unit` in [log] of a "
             "study (--time-unit without one)"
         )
@@ -199,13 +199,13 @@ def _find_time_unit(
 def _describe_missing_time(path: Path, header: TextHeader, settings: LogSettings) -> InputError:
     where = _locate(path, header)
     if not header.line and not settings.names:
-        return InputError(
+        return FileError(
             f"{where} is numbers, there is no header: begin with {EXAMPLE}, "
             "or give `names` and `time` (or `fs_hz`) in [log]"
         )
     column = header.columns[0]
     named = f"{column.name!r} in {column.unit}" if column.unit else f"{column.name!r}, without a unit"
-    return InputError(
+    return FileError(
         f"{where}: there is no time column (the first is {named}): write {EXAMPLE}, "
         "or give `time` (name or number of the column) or `fs_hz` in [log]"
     )
@@ -214,22 +214,22 @@ def _describe_missing_time(path: Path, header: TextHeader, settings: LogSettings
 def _describe_missing_channels(path: Path, header: TextHeader, first: Sequence[str]) -> InputError:
     grouped = [cell for cell in first if has_thousands_mark(cell, header.decimal, allow_ambiguous=True)]
     if grouped:
-        return InputError(f"{path}: {_describe_thousands(grouped[0])}")
+        return FileError(f"{path}: {_describe_thousands(grouped[0])}")
     if len(header.columns) == 1:
-        return InputError(f"{_locate(path, header)} has one column, not time and one or more channels: write {EXAMPLE}")
-    return InputError(f"{path} has no column of numbers beside the time: export the log again")
+        return FileError(f"{_locate(path, header)} has one column, not time and one or more channels: write {EXAMPLE}")
+    return FileError(f"{path} has no column of numbers beside the time: export the log again")
 
 
 def _describe_texts_as_time(where: str, cell: str) -> InputError:
     """Return the error of a time column that holds texts, such as `cell`."""
     if looks_dated(cell):
-        return InputError(
+        return FileError(
             f"{where} holds {cell[:40]!r}, a date or time in a form that is not read: "
             "write it as ISO 8601 does (2024-05-01T23:59:59.5), or give `fs_hz` in [log]"
         )
     if has_thousands_mark(cell, ".", allow_ambiguous=True) or has_thousands_mark(cell, ",", allow_ambiguous=True):
-        return InputError(f"{where}: {_describe_thousands(cell)}")
-    return InputError(f"{where} holds {cell[:40]!r}, which is no time: give another as `time`, or `fs_hz`, in [log]")
+        return FileError(f"{where}: {_describe_thousands(cell)}")
+    return FileError(f"{where} holds {cell[:40]!r}, which is no time: give another as `time`, or `fs_hz`, in [log]")
 
 
 def _describe_thousands(cell: str) -> str:
@@ -276,7 +276,7 @@ def _describe_missing_stamp(table: TextTable, number: int, lines: Sequence[str],
     at = [at for at, line in enumerate(lines, start=number) if is_row(line, table.delimiter)][row]
     cell = column_of(table, number, lines, time)[row].strip()
     fault = f"{cell[:40]!r} is not a finite number or a time" if cell else "the cell is empty"
-    return InputError(
+    return FileError(
         f"{table.path} line {at}, column {table.names[time]!r}: {fault}: "
         "every row needs its time; mend the line, cut the log there, or give `fs_hz` in [log]"
     )
@@ -300,7 +300,7 @@ def _make_header(recording: Recording, path: Path) -> str:
         except InputError as error:
             raise InputError(f"cannot write this recording: {error}") from error
     if read_back != recording.channels or any(si_unit(channel.unit) != channel.unit for channel in read_back):
-        raise InputError(
+        raise FileError(
             f"cannot write {path}: a header does not hold the names and units {recording.channels}: "
             "give one-line names and SI units"
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 from datetime import date, datetime, time, timedelta
 from pathlib import Path
 
-from opid.errors import InputError
+from opid.errors import FileError
 from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.csv import log_of_lines
@@ -27,7 +27,7 @@ def open_excel(path: Path, settings: LogSettings) -> Log:
                 others = len(workbook.sheet_names) - 1
                 remarks = (f"the sheet {name!r} is read, the first with numbers",) if others else ()
                 return log_of_lines(path, lines, settings, form="Excel", remarks=remarks)
-    raise InputError(f"{path} has no sheet with numbers: save the table itself, not a chart of it")
+    raise FileError(f"{path} has no sheet with numbers: save the table itself, not a chart of it")
 
 
 def _read_lines(sheet: object) -> tuple[list[str], bool]:

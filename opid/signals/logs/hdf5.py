@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import FileError
 from opid.signals.files import write_whole
 from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader, writer
@@ -46,7 +46,7 @@ def open_hdf5(path: Path, settings: LogSettings) -> Log:
         groups = list(_find_groups(path, file, {}, elsewhere))
     if not any(group.arrays for group in groups):
         links = f", only links to data elsewhere ({', '.join(elsewhere[:3])}), which are not followed"
-        raise InputError(
+        raise FileError(
             f"{path} holds no datasets of numbers{links if elsewhere else ''}: export the log again, in one file"
         )
     history = tuple(line for group in groups for line in group.texts.get("history", ()))
@@ -78,7 +78,7 @@ def write_hdf5(recording: Recording, path: Path) -> None:
                     group.attrs.create(key, np.array(coded, dtype=text))
             group.create_dataset("samples", data=recording.samples)
     except (ValueError, RuntimeError) as error:  # a NUL or half a character in a name
-        raise InputError(f"cannot write {path}: HDF5 does not hold the names {names} and units {units}") from error
+        raise FileError(f"cannot write {path}: HDF5 does not hold the names {names} and units {units}") from error
     with write_whole(path, "wb") as target:
         target.write(held.getbuffer())
 
@@ -171,7 +171,7 @@ def _read_recording(
 ) -> NamedGroup:
     layout = numbers["opid_layout"]
     if layout != _LAYOUT:
-        raise InputError(f"{path} has layout {layout:g} of opid, known is {_LAYOUT}: read it with a newer opid")
+        raise FileError(f"{path} has layout {layout:g} of opid, known is {_LAYOUT}: read it with a newer opid")
     found = dict(members(group, []))
     stored = {key: texts_of(found[key][()]) for key in _TEXT_KEYS if key in found and _is_text(found[key])}
     texts = stored | texts
@@ -179,12 +179,12 @@ def _read_recording(
     shape = getattr(samples, "shape", None)
     count = {len(texts.get(key, ())) for key in ("names", "units")}
     if shape is None or len(shape) != 2 or count != {shape[1]} or samples.dtype.kind not in "fiu":
-        raise InputError(
+        raise FileError(
             f"{path} {group.name} is no recording as opid writes it: `samples` has shape {shape}, with "
             f"{len(texts.get('names', ()))} name(s) and {len(texts.get('units', ()))} unit(s): export the log again"
         )
     if not {"fs", "start_s"} <= set(numbers):
-        raise InputError(f"{path} {group.name} states no fs or no start_s: export the log again")
+        raise FileError(f"{path} {group.name} states no fs or no start_s: export the log again")
     own = {key: texts[key] for key in ("names", "units")}
     array = NamedArray("samples", shape, partial(_read, samples.name), texts=own, time_axis=0)
     history = {"history": texts.get("history", ())}

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import FileError
 from opid.signals.clock import GAP, JITTER_LIMIT
 from opid.signals.log import Log, LoggedChannel, LogSettings, Track, make_distinct, rows_in_steps
 from opid.signals.logs import reader
@@ -98,7 +98,7 @@ def _find_blocks(path: Path, dataset: Any) -> dict[int, list[_StampedBlock]]:
             parser.parse(element)
         element.gc(recurse=True)
     if end != size:
-        raise InputError(f"{path} is cut off or damaged after {min(end, size)} of {size} bytes: copy it again")
+        raise FileError(f"{path} is cut off or damaged after {min(end, size)} of {size} bytes: copy it again")
     for number in correcting & set(found) & set(dataset.channels):
         dataset.channels[number].getSession().fillCache()
     dataset.loading = False
@@ -133,9 +133,7 @@ def _read_sensor(path: Path, dataset: Any, channel: Any, blocks: Sequence[_Stamp
 
     form = channel.parser.format
     if not form:
-        raise InputError(
-            f"{path} channel {channel.name!r} is written as only the oldest recorders do: convert the file"
-        )
+        raise FileError(f"{path} channel {channel.name!r} is written as only the oldest recorders do: convert the file")
     order, letters = (form[0], form[1:]) if form[0] in "<>=" else ("=", form)
     types = [np.dtype(ChannelDataBlock.TO_NP_TYPESTR[letter]).newbyteorder(order) for letter in letters]
     dtype = np.dtype([(str(i), each) for i, each in enumerate(types)])

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import FileError
 from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Track, rows_from_start
 from opid.signals.logs import reader
 from opid.signals.logs.text.stamps import moment, nanoseconds
@@ -90,7 +90,7 @@ def open_lvm(path: Path, settings: LogSettings) -> Log:
         file = _read_file_header(path, numbered, settings)
         segment = _read_segment_header(file, numbered)
         if segment is None:
-            raise InputError(f"{path} has no segment of data below its header: it is cut off; export the log again")
+            raise FileError(f"{path} has no segment of data below its header: it is cut off; export the log again")
         first = next(numbered, (0, ""))[1].split(file.separator)
     clocks, zero = _put_on_one_axis(file, segment, _find_clocks(file, segment), first, settings)
     tracks = tuple(_make_track(file, segment, clock, settings, len(clocks)) for clock in clocks)
@@ -112,7 +112,7 @@ def _read_header(path: Path, numbered: Iterator[tuple[int, str]]) -> Iterator[tu
     special = False
     for at, (number, line) in enumerate(numbered):
         if at > _MOST_HEADER_LINES:
-            raise InputError(f"{path} line {number}: a header of {at} lines has no {_END}: export the log again")
+            raise FileError(f"{path} line {number}: a header of {at} lines has no {_END}: export the log again")
         if line.startswith(_END):
             return
         special = (special or line.startswith("***Start_Special***")) and not line.startswith("***End_Special***")
@@ -128,7 +128,7 @@ def _read_file_header(path: Path, numbered: Iterator[tuple[int, str]], settings:
     decimal = settings.decimal or found.get("Decimal_Separator", ".")[:1] or "."
     x_columns = found.get("X_Columns", "One").strip(separator + " ").casefold()
     if separator not in "\t,;" or decimal not in ".," or x_columns not in ("one", "multi", "no"):
-        raise InputError(
+        raise FileError(
             f"{path}: its header says Separator {separator!r}, Decimal_Separator {decimal!r}, X_Columns {x_columns!r}: "
             "tab, comma or semicolon, point or comma, and One, Multi or No are known; export the log again"
         )
@@ -149,14 +149,14 @@ def _read_segment_header(file: _File, numbered: Iterator[tuple[int, str]]) -> _S
     where = f"{file.path} line {number}" if number else f"the end of {file.path}"
     written = (entries.get("Channels") or [""])[0].strip()
     if not (written.isascii() and written.isdecimal() and 1 <= int(written) <= MOST_COLUMNS):
-        raise InputError(
+        raise FileError(
             f"{where}: the header of the segment says Channels {written[:40]!r}: "
             f"a number from 1 to {MOST_COLUMNS} is needed; export the log again"
         )
     n = 2 * int(written) if file.x_columns == "multi" else int(written) + 1
     cells = [name.strip() for name in names.split(file.separator)]
     if cells[0] != "X_Value" or len(cells) < n or not all(cells[:n]):
-        raise InputError(
+        raise FileError(
             f"{where}: {n} names that begin with X_Value were expected for {written} channel(s), "
             f"found {sum(map(bool, cells))}: the file is cut off or damaged; export the log again"
         )
@@ -249,7 +249,7 @@ def _read_pieces(file: _File) -> Iterator[tuple[_Segment, int, list[str]]]:
         names: tuple[str, ...] | None = None
         while (segment := _read_segment_header(file, numbered)) is not None:
             if names not in (None, segment.names):
-                raise InputError(
+                raise FileError(
                     f"{file.path} line {segment.line}: this segment has other channels than the first: "
                     "write them to a file of their own"
                 )
@@ -288,7 +288,7 @@ def _read_blocks(file: _File, clock: _Clock, wanted: Sequence[int], *, stamped: 
             values, x = values[held], x[held]
         elif not held.all():
             at = number + int(np.argmin(held))
-            raise InputError(f"{file.path} line {at}, column 'X_Value': the cell is empty: cut the log there")
+            raise FileError(f"{file.path} line {at}, column 'X_Value': the cell is empty: cut the log there")
         if not x.size:
             continue
         if new and begun is None:
@@ -304,7 +304,7 @@ def _make_stamps(file: _File, segment: _Segment, clock: _Clock, row: int, n: int
     stated = [segment.entry(key, clock.channels[0]) for key in ("X0", "Delta_X")]
     first, period = (number_of(cell, file.decimal) for cell in stated)
     if first is None or period is None or not (np.isfinite(first) and np.isfinite(period) and period > 0):
-        raise InputError(
+        raise FileError(
             f"{file.path} line {segment.line}: the segment has no X values, and says X0 {stated[0]!r}, "
             f"Delta_X {stated[1]!r}: give `fs_hz` in [log]"
         )
@@ -316,7 +316,7 @@ def _cut_at_end(file: _File, number: int, values: FloatArray, *, ended: bool) ->
     full = np.asarray(~np.isnan(values).all(axis=1)) if values.shape[1] else np.ones(len(values), dtype=bool)
     n = 0 if ended else len(full) if full.all() else int(np.argmin(full))
     if full[n:].any():
-        raise InputError(
+        raise FileError(
             f"{file.path} line {number + n + int(np.argmax(full[n:]))}: numbers follow empty cells, and channels have "
             "different Delta_X: their times are not known; write each rate to a file of its own"
         )
@@ -334,7 +334,7 @@ def _read_begin(segment: _Segment, clock: _Clock) -> int | None:
 def _find_offset(file: _File, segment: _Segment, clock: _Clock, begun: int | None) -> float:
     begin = _read_begin(segment, clock)
     if begin is None or begun is None:
-        raise InputError(
+        raise FileError(
             f"{file.path} line {segment.line}: the segment does not go on where the one before ends, and Date and Time "
             "do not say when it began: write segments to files of their own"
         )

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from opid.errors import InputError, count_repeats
+from opid.errors import FileError, count_repeats
 from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.hdf5 import SIGNATURE, members, open_file
@@ -50,7 +50,7 @@ def open_matlab(path: Path, settings: LogSettings) -> Log:
         groups = list(groups_of_values(_read_variables(path), "", {}))
         tracks = tracks_of(path, groups, settings, nullcontext)
     if not tracks:
-        raise InputError(f"{path} holds no vectors or matrices of numbers: save the signals themselves, not objects")
+        raise FileError(f"{path} holds no vectors or matrices of numbers: save the signals themselves, not objects")
     return Log(path, "MATLAB", tracks)
 
 
@@ -63,11 +63,11 @@ def _read_variables(path: Path) -> dict[str, Any]:
     listed = whosmat(path, appendmat=False)
     names = [name for name, _, kind in listed if kind in _READ]
     for name, n in count_repeats(names).items():
-        raise InputError(f"{path} holds {n} variables called {name!r}: save it again in MATLAB")
+        raise FileError(f"{path} holds {n} variables called {name!r}: save it again in MATLAB")
     found = loadmat(path, appendmat=False, variable_names=names, simplify_cells=True)
     missing = [name for name in names if name not in found]
     if missing:
-        raise InputError(f"{path} is cut off or damaged: its variable {missing[0]!r} cannot be read; save it again")
+        raise FileError(f"{path} is cut off or damaged: its variable {missing[0]!r} cannot be read; save it again")
     return {name: found[name] for name in names}
 
 

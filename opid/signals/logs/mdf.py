@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import FileError
 from opid.signals.log import Log, LoggedChannel, LogSettings, Track, make_distinct, rows_in_steps
 from opid.signals.logs import reader
 
@@ -70,7 +70,7 @@ def _read_zero(header: Any) -> datetime | None:
 def _require_finished(path: Path, head: bytes) -> None:
     flags = any(head[_FLAGS_AT:]) and head[8:9] == b"4"
     if head.startswith(_UNFINISHED) or flags:
-        raise InputError(
+        raise FileError(
             f"{path} was not finished by its recorder (power lost?): repair it with the recorder's software, "
             "or with asammdf, `MDF(path).save(other)`"
         )

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import FileError, InputError, nearest
 from opid.signals.log import LoggedChannel, LogSettings, Rows, Track, make_distinct, rows_in_steps
 from opid.signals.units import (
     INTERVAL_NAMES,
@@ -128,7 +128,7 @@ def tracks_of(
     if settings.time is not None and not any(bundle.time for bundle in bundles):
         arrays = [array.name for group in groups for array in group.arrays]
         known = nearest(str(settings.time), arrays[:20]) if arrays else "it holds no array of numbers"
-        raise InputError(f"{path} has no time {settings.time!r} (time in [log]) beside other numbers: {known}")
+        raise FileError(f"{path} has no time {settings.time!r} (time in [log]) beside other numbers: {known}")
     bundles = _join_sensors(bundles)
     if settings.names:
         bundles = [_rename(path, bundles, settings.names)]
@@ -218,7 +218,7 @@ def _bundle_arrays(path: Path, group: NamedGroup, settings: LogSettings) -> Iter
         alike.setdefault((array.shape[axis], fs), []).append((array, axis))
     start_s = float(find_value(group.numbers, START_NAMES) or 0.0)
     if not np.isfinite(start_s):
-        raise InputError(f"{path} states that it begins at {start_s} s: export the log again")
+        raise FileError(f"{path} states that it begins at {start_s} s: export the log again")
     for (n, fs), fitting in alike.items():
         yield _Bundle(group, n, None, fs, start_s, _make_columns(path, group, fitting))
 
@@ -250,7 +250,7 @@ def _find_time_axis(array: NamedArray, group: NamedGroup, n: int | None) -> int 
 def _make_columns(path: Path, group: NamedGroup, fitting: Sequence[tuple[NamedArray, int]]) -> tuple[_Column, ...]:
     counts = [array.shape[1 - axis] if len(array.shape) == 2 else 1 for array, axis in fitting]
     if sum(counts) > MOST_CHANNELS:
-        raise InputError(
+        raise FileError(
             f"{path} says that it holds {sum(counts)} channels, more than any logger has ({MOST_CHANNELS}): "
             "it is damaged, or a matrix lies on its side"
         )
@@ -327,7 +327,7 @@ def _join_sensors(bundles: Sequence[_Bundle]) -> list[_Bundle]:
 
 def _rename(path: Path, bundles: Sequence[_Bundle], names: Sequence[str]) -> _Bundle:
     if len(bundles) != 1:
-        raise InputError(f"{path} has {len(bundles)} clocks: name its channels in [channels], not by names in [log]")
+        raise FileError(f"{path} has {len(bundles)} clocks: name its channels in [channels], not by names in [log]")
     bundle = bundles[0]
     order = [array.name for array in bundle.group.arrays]
     every = [*bundle.columns, *([bundle.time] if bundle.time else [])]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import FileError, InputError
 from opid.signals.log import Log, LogSettings
 from opid.signals.logs import reader
 from opid.signals.logs.archives import read_archive
@@ -26,17 +26,17 @@ def open_npz(path: Path, settings: LogSettings) -> Log:
     try:
         held = read_archive(path)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise FileError(f"{path}: {error}") from None
     values, pickled = {name: _simplify(array) for name, array in held.arrays.items()}, held.pickled
     signals = [name for name, value in values.items() if np.size(value) > 1 and time_name([name]) is None]
     if pickled and not signals:
-        raise InputError(
+        raise FileError(
             f"{path} holds no signals as numbers; not read, for they hold Python objects: {', '.join(pickled)}. Save "
             "arrays of numbers, `time` or `fs` beside"
         )
     tracks = tracks_of(path, list(groups_of_values(values, "", {})), settings, nullcontext)
     if not tracks:
-        raise InputError(f"{path} holds no arrays of numbers: save the signals themselves, `time` or `fs` beside")
+        raise FileError(f"{path} holds no arrays of numbers: save the signals themselves, `time` or `fs` beside")
     remarks = tuple(f"{name!r} holds Python objects and is not read" for name in pickled)
     return Log(path, "NumPy", tracks, remarks=remarks)
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from opid.errors import InputError, count_repeats, nearest
+from opid.errors import FileError, count_repeats, nearest
 from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Track, rows_at_once, rows_from_start
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
@@ -83,7 +83,7 @@ def _open(path: Path) -> Any:
 
 def _require_distinct(path: Path, names: Sequence[str]) -> None:
     for name, n in count_repeats(names).items():
-        raise InputError(f"{path} has {n} columns {name!r}: rename all but one")
+        raise FileError(f"{path} has {n} columns {name!r}: rename all but one")
 
 
 # ---- columns -------------------------------------------------------------------------------------
@@ -133,14 +133,14 @@ def _find_time_column(
     names = list(settings.names) if len(settings.names) == len(columns) else [schema.names[each] for each in columns]
     if isinstance(settings.time, int):
         if not 1 <= settings.time <= len(columns):
-            raise InputError(f"{path} has {len(columns)} column(s) of numbers, none is number {settings.time} (time)")
+            raise FileError(f"{path} has {len(columns)} column(s) of numbers, none is number {settings.time} (time)")
         return columns[settings.time - 1]
     if settings.time is not None:
         plain = [split_unit(name)[0] for name in names]
         for each in (names, plain):
             if settings.time in each:
                 return columns[each.index(settings.time)]
-        raise InputError(f"{path} has no column {settings.time!r} (time in [log]): {nearest(settings.time, names)}")
+        raise FileError(f"{path} has no column {settings.time!r} (time in [log]): {nearest(settings.time, names)}")
     known = time_name(names)
     if known is not None:
         return columns[names.index(known)]

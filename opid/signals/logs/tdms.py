@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError, nearest
+from opid.errors import FileError, nearest
 from opid.signals.log import Log, LoggedChannel, LogSettings, Track, make_distinct, rows_in_steps
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
@@ -43,11 +43,11 @@ def open_tdms(path: Path, settings: LogSettings) -> Log:
     """
     with _open(path) as file:
         if any(each.read_length < each.expected_length for each in (file.file_status.channel_statuses or {}).values()):
-            raise InputError(f"{path} is cut off in its last segment: copy it from the recorder again")
+            raise FileError(f"{path} is cut off in its last segment: copy it from the recorder again")
         groups = {group.name: _find_channels(group) for group in file.groups()}
         if settings.time is not None and not any(_find_wanted_time(channels, settings) for channels in groups.values()):
             every = [name for channels in groups.values() for name in channels]
-            raise InputError(f"{path} has no channel {settings.time!r}: {nearest(str(settings.time), every)}")
+            raise FileError(f"{path} has no channel {settings.time!r}: {nearest(str(settings.time), every)}")
         origin = _find_origin(groups)
         members: dict[_Clock, list[str]] = {}
         for group, channels in groups.items():

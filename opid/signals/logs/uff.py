@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import FileError
 from opid.signals.clock import plain_number
 from opid.signals.files import write_whole
 from opid.signals.log import Block, Log, LoggedChannel, LogSettings, Rows, Track, rows_of_array
@@ -60,7 +60,7 @@ def open_uff(path: Path, settings: LogSettings) -> Log:
     headers = {number: _read_header(path, file, number) for number, kind in enumerate(kinds) if kind == 58}
     histories = {number: header for number, header in headers.items() if _is_history(header)}
     if not histories:
-        raise InputError(
+        raise FileError(
             f"{path} holds no time histories, but {_describe_contents(kinds, headers)}: export the time histories"
         )
     channels = _name_channels(path, histories, settings)
@@ -86,7 +86,7 @@ def write_uff(recording: Recording, path: Path) -> None:
             and _is_fitting(channel.unit, 20)
             and split_unit(channel.name) == (channel.name, None)
         ):
-            raise InputError(
+            raise FileError(
                 f"cannot write {path}: a universal file does not hold the name {channel.name!r} or the unit "
                 f"{channel.unit!r}: give names of up to 80 and units of up to 20 printable characters, not NONE"
             )
@@ -126,14 +126,14 @@ def _require_closed(path: Path) -> None:
         file.seek(max(0, path.stat().st_size - 4096))
         end = file.read().rstrip(b" \r\n\0\x1a")
     if not end.endswith(b"    -1"):
-        raise InputError(f"{path} is cut off: its last data set is not closed (by a line -1); copy or export it again")
+        raise FileError(f"{path} is cut off: its last data set is not closed (by a line -1); copy or export it again")
 
 
 def _read_header(path: Path, file: Any, number: int) -> dict[str, Any]:
     try:
         return file.read_sets(number, header_only=True)
     except Exception as error:  # pyuff raises nothing more specific
-        raise InputError(f"{path}: the header of data set {number + 1} is damaged: export the log again") from error
+        raise FileError(f"{path}: the header of data set {number + 1} is damaged: export the log again") from error
 
 
 def _is_history(header: Mapping[str, Any]) -> bool:
@@ -184,7 +184,7 @@ def _read_clock(
     n = header["num_pts"]
     where = f"{path}, data set {number + 1},"
     if n < 1:
-        raise InputError(f"{where} says that it holds {n} samples: export the log again")
+        raise FileError(f"{where} says that it holds {n} samples: export the log again")
     if header["abscissa_spacing"] == 0:
         return None, 0.0, n, number
     seconds = _find_time_unit(path, header, settings)
@@ -196,7 +196,7 @@ def _read_clock(
     digits = f"{increment_s:.5e}"  # as most programs write it: it may be wrong by half of the last digit
     plain = plain_number(fs, fs * 0.5e-5 / float(digits[:7])) if float(digits) == increment_s else fs
     if not np.isfinite(start_s):
-        raise InputError(f"{where} begins at {start_s} s: export the log again")
+        raise FileError(f"{where} begins at {start_s} s: export the log again")
     exact = _REMARK.fullmatch(str(header["id2"]).strip())
     if exact:
         exact_fs, exact_start = float(exact[1]), float(exact[2])
@@ -237,13 +237,11 @@ def _read_data_set(path: Path, file: Any, number: int, n: int) -> dict[str, Any]
     try:
         found = file.read_sets(number)
     except Exception as error:  # pyuff raises nothing more specific
-        raise InputError(
-            f"{path}: data set {number + 1} cannot be read: it is damaged, export the log again"
-        ) from error
+        raise FileError(f"{path}: data set {number + 1} cannot be read: it is damaged, export the log again") from error
     held = found["data"].size
     # some programs write a line end after the binary numbers
     if not n <= held <= n + 1:
-        raise InputError(
+        raise FileError(
             f"{path}: data set {number + 1} says that it holds {n} samples, {held} are there: export the log again"
         )
     return found

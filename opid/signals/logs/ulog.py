@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import FileError
 from opid.signals.log import Log, LoggedChannel, LogSettings, Track, make_distinct, rows_in_steps
 from opid.signals.logs import reader
 
@@ -42,7 +42,7 @@ def open_ulog(path: Path, settings: LogSettings) -> Log:
     with path.open("rb") as stream:
         log = ULog(stream)
     if log.file_corruption:
-        raise InputError(f"{path} has broken messages: copy it from the recorder again")
+        raise FileError(f"{path} has broken messages: copy it from the recorder again")
     topics = [topic for topic in log.data_list if set(topic.data) > {_TIME}]
     names = make_distinct(f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name for topic in topics)
     tracks = tuple(_make_track(name, topic, log.start_timestamp) for name, topic in zip(names, topics, strict=True))

@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import FileError
 from opid.signals.log import Log, LoggedChannel, LogSettings, Track, rows_in_steps
 from opid.signals.logs import reader
 from opid.signals.recording import FloatArray
@@ -48,7 +48,7 @@ class _Form:
 def open_wav(path: Path, settings: LogSettings) -> Log:
     """Open a WAV file (RIFF, RIFX or RF64) of 8 to 32-bit integers or 32 or 64-bit floats; it is read in slices."""
     if settings.unit is not None and settings.full_scale is None:
-        raise InputError(
+        raise FileError(
             f"{path} holds fractions of its full scale: give full_scale in [log], the value of its full scale in "
             f"{settings.unit} (1 where floats are in {settings.unit} themselves)"
         )
@@ -76,7 +76,7 @@ def _read_header(path: Path, file: BinaryIO) -> tuple[_Form, int, int]:
     order = ">" if file.read(12)[:4] == b"RIFX" else "<"
     file.seek(8)
     if file.read(4) != b"WAVE":
-        raise InputError(f"{path} is no WAV file, though it begins like one: export the log as WAV")
+        raise FileError(f"{path} is no WAV file, though it begins like one: export the log as WAV")
     form, long_size, at = None, None, 12
     for _ in range(MOST_CHUNKS):
         file.seek(at)
@@ -90,33 +90,33 @@ def _read_header(path: Path, file: BinaryIO) -> tuple[_Form, int, int]:
             form = _read_form(path, _read_exactly(path, file, min(size, 40)), order)
         elif name == b"data":
             if form is None:
-                raise InputError(f"{path} has samples before its format is stated: export the log again")
+                raise FileError(f"{path} has samples before its format is stated: export the log again")
             size = long_size if size == _IN_DS64 and long_size is not None else size
             held = file_size - at - 8
             if size > held or (size == 0 and held >= form.frame):
-                raise InputError(
+                raise FileError(
                     f"{path} says that it holds {size} bytes of samples, {held} are there: the recorder did not close "
                     "it, or it is cut off; copy it again, or have an audio program repair its header"
                 )
             return form, at + 8, size
         at += 8 + size + size % 2
-    raise InputError(f"{path} has no samples (no chunk `data`): it is cut off or damaged; copy it again")
+    raise FileError(f"{path} has no samples (no chunk `data`): it is cut off or damaged; copy it again")
 
 
 def _read_form(path: Path, chunk: bytes, order: str) -> _Form:
     if len(chunk) < 16:
-        raise InputError(f"{path} has a format chunk of {len(chunk)} bytes, 16 are needed: export the log again")
+        raise FileError(f"{path} has a format chunk of {len(chunk)} bytes, 16 are needed: export the log again")
     code, n_channels, fs, _, frame, bits = struct.unpack(order + "HHIIHH", chunk[:16])
     if code == _EXTENSIBLE and len(chunk) >= 26:
         code = struct.unpack(order + "H", chunk[24:26])[0]
     if code not in _BYTES:
         kind = _CODES.get(code, f"of kind {code}")
-        raise InputError(f"{path} holds compressed samples ({kind}): export the log as PCM or float")
+        raise FileError(f"{path} holds compressed samples ({kind}): export the log as PCM or float")
     if not n_channels:
-        raise InputError(f"{path} states 0 channels: export the log again")
+        raise FileError(f"{path} states 0 channels: export the log again")
     form = _Form(code, n_channels, fs, frame, order)
     if frame % n_channels or form.width not in _BYTES[code] or not 8 * (form.width - 1) < bits <= 8 * form.width:
-        raise InputError(
+        raise FileError(
             f"{path} states {bits} bits and {frame} bytes for a row of {n_channels} channel(s), which do not fit: "
             "its header is damaged, export the log as 16, 24 or 32 bit"
         )
@@ -126,7 +126,7 @@ def _read_form(path: Path, chunk: bytes, order: str) -> _Form:
 def _read_exactly(path: Path, file: BinaryIO, size: int) -> bytes:
     data = file.read(size)
     if len(data) < size:
-        raise InputError(f"{path} is cut off: {size} bytes were to follow, {len(data)} do; copy it again")
+        raise FileError(f"{path} is cut off: {size} bytes were to follow, {len(data)} do; copy it again")
     return data
 
 

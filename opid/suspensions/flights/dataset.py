@@ -13,7 +13,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from opid.errors import InputError, require
+from opid.errors import FileError, InputError, require
 from opid.estimate import Estimate
 from opid.provenance import ReadFile, read_file
 from opid.signals.files import make_directory, write_whole
@@ -200,7 +200,7 @@ def read_dataset(path: str | os.PathLike[str]) -> FleetDataset:
     folder = find_dataset(Path(path))
     parts = sorted(folder.glob("tail=*/part-*.parquet"))
     if not parts:
-        raise InputError(f"there is no dataset of flights in {path}: give the folder that `opid campaign` wrote")
+        raise FileError(f"there is no dataset of flights in {path}: give the folder that `opid campaign` wrote")
     found, names = [], None
     for part in parts:
         if not part.is_file():
@@ -221,7 +221,7 @@ def read_dataset(path: str | os.PathLike[str]) -> FleetDataset:
     try:
         return _split_by_quantity(folder, pyarrow.concat_tables(found), names or [], tuple(map(read_file, parts)))
     except (ValueError, TypeError, pyarrow.ArrowException) as error:
-        raise InputError(f"a part of {folder} holds values of another kind: run `opid campaign` again") from error
+        raise FileError(f"a part of {folder} holds values of another kind: run `opid campaign` again") from error
 
 
 def _require_sound(
@@ -240,7 +240,7 @@ def _require_sound(
     ):
         if is_wrong.any():
             name = str(flight[int(np.argmax(is_wrong))])
-            raise InputError(f"the flight {name!r} in {folder} has {what}: run `opid campaign` again")
+            raise FileError(f"the flight {name!r} in {folder} has {what}: run `opid campaign` again")
 
 
 def _split_by_quantity(

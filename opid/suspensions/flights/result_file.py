@@ -13,7 +13,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from opid.errors import InputError
+from opid.errors import FileError
 from opid.estimate import Estimate
 from opid.mechanics.laws.law import LAWS, Law, Term
 from opid.provenance import ReadFile, read_file
@@ -164,7 +164,7 @@ def read_flight(path: Path, name: str) -> Flight:
     if faults:
         more = [f"and {len(faults) - MOST_FAULTS} more"] if len(faults) > MOST_FAULTS else []
         listed = "; ".join([*faults[:MOST_FAULTS], *more])
-        raise InputError(f"{path} is no valid result: {listed}: write it again with `opid identify`")
+        raise FileError(f"{path} is no valid result: {listed}: write it again with `opid identify`")
     return flight
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 
-from opid.errors import InputError, NotDeterminedError, list_names
+from opid.errors import FileError, InputError, NotDeterminedError, list_names
 from opid.result import RESULT_FILE
 from opid.signals.files import nearest_beside
 from opid.suspensions.flights.result_file import Flight, read_flight
@@ -79,7 +79,7 @@ def read_flights(paths: Sequence[str | os.PathLike[str]]) -> Flights:
     ]
     if len(files) < 2:
         others = "".join(f"; {each.sentence}" for each in without_result)
-        raise InputError(f"{len(files)} result is given ({list_names(files)}): give two or more to compare{others}")
+        raise FileError(f"{len(files)} result is given ({list_names(files)}): give two or more to compare{others}")
     flights = [read_flight(file, name) for file, name in zip(files, names, strict=True)]
     _refuse_copies(flights)
     kept, left_out = _select_comparable(flights)
@@ -123,7 +123,7 @@ def _list_files(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], li
     files, unfinished = [], []
     for path in map(Path, paths):
         if not os.path.exists(path):
-            raise InputError(f"there is no file or folder {path}{nearest_beside(path)}")
+            raise FileError(f"there is no file or folder {path}{nearest_beside(path)}")
         if not path.is_dir():
             files.append(path)
             continue
@@ -138,7 +138,7 @@ def _list_files(paths: Sequence[str | os.PathLike[str]]) -> tuple[list[Path], li
             if not several and (child / STUDY_FILE).is_file():
                 unfinished.append(child)
         if not found:
-            raise InputError(
+            raise FileError(
                 f"there is no {RESULT_FILE} in {path}, nor one or two folders below: name the folders that "
                 "`opid identify --out` wrote"
             )
@@ -196,7 +196,7 @@ def _refuse_copies(flights: Sequence[Flight]) -> None:
         for other in flights[:i]:
             known = [estimate.value for estimate in one.values.values() if estimate.value is not None]
             if known and one.values == other.values:
-                raise InputError(f"{other.path} and {one.path} hold the same numbers: give each flight once")
+                raise FileError(f"{other.path} and {one.path} hold the same numbers: give each flight once")
 
 
 def _refuse_unlike(flights: Sequence[Flight]) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from opid.errors import InputError, count_repeats, list_names, nearest, refuse
+from opid.errors import FileError, InputError, count_repeats, list_names, nearest, refuse
 from opid.provenance import read_content
 from opid.signals.files import read_table, read_text, write_whole
 from opid.signals.logs.archives import read_archive, read_array, require_memory
@@ -158,10 +158,10 @@ def write_structure(path: Source, structure: AffineStructure) -> None:
 
 def _read_one(path: Path) -> dict[str, Any]:
     if path.name.lower().endswith((*MARKET, *BOEING)):
-        raise InputError(f'{path} holds one matrix: give a file for each, {{"mass": ..., "stiffness": ...}}')
+        raise FileError(f'{path} holds one matrix: give a file for each, {{"mass": ..., "stiffness": ...}}')
     kind = path.suffix.lower()
     if kind not in (".npz", ".mat"):
-        raise InputError(f"{path} has an unknown format: give .npz, .mat, or .mtx for each matrix")
+        raise FileError(f"{path} has an unknown format: give .npz, .mat, or .mtx for each matrix")
     return _join_arrays(path, _open_file(path, _read_npz)) if kind == ".npz" else _open_file(path, _read_matlab)
 
 
@@ -180,7 +180,7 @@ def _read_matrix_file(path: Path) -> Any:
     for ending, read in readers.items():
         if path.name.lower().endswith(ending):
             return _open_file(path, read)
-    raise InputError(f"{path} has an unknown format for a matrix: give .mtx, .mtx.gz, .hb, .npz or .npy")
+    raise FileError(f"{path} has an unknown format for a matrix: give .mtx, .mtx.gz, .hb, .npz or .npy")
 
 
 def _try_to(faults: list[str], make: Callable[..., Any], *given: Any) -> Any:
@@ -196,18 +196,18 @@ def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
     import zlib
 
     if not os.path.isfile(path):
-        raise InputError(f"there is no file {path}: check the name and the folder")
+        raise FileError(f"there is no file {path}: check the name and the folder")
     try:
         return read(path)
     except NotImplementedError:
-        raise InputError(f"{path} is a MATLAB file of version 7.3: save it with '-v7'") from None
+        raise FileError(f"{path} is a MATLAB file of version 7.3: save it with '-v7'") from None
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise FileError(f"{path}: {error}") from None
     except MemoryError:
-        raise InputError(f"{path} needs more memory than there is: reduce the structure") from None
+        raise FileError(f"{path} needs more memory than there is: reduce the structure") from None
     except (OSError, ValueError, TypeError, KeyError, EOFError, OverflowError, zlib.error, IndexError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path} cannot be read ({reason}): export it again") from None
+        raise FileError(f"{path} cannot be read ({reason}): export it again") from None
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
@@ -281,12 +281,12 @@ def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
             continue
         missing = [piece for piece in PIECES if f"{name}_{piece}" not in arrays]
         if missing:
-            raise InputError(f"{path}: the sparse matrix {name!r} lacks {name}_{missing[0]}: store all of {PIECES}")
+            raise FileError(f"{path}: the sparse matrix {name!r} lacks {name}_{missing[0]}: store all of {PIECES}")
         pieces = {piece: np.ravel(found.pop(f"{name}_{piece}")) for piece in PIECES}
         try:
             matrix = _make_sparse("csr", pieces, (len(pieces["indptr"]) - 1,) * 2)
         except InputError as error:
-            raise InputError(f"{path}: the arrays of {name!r} {error}") from None
+            raise FileError(f"{path}: the arrays of {name!r} {error}") from None
         found[name] = matrix
     return found
 
@@ -362,20 +362,20 @@ def _is_file(given: object) -> bool:
 def _read_labels(path: Path, n_dof: int | None) -> tuple[str, ...]:
     """Return the labels of a text or CSV file; if it has one line too many, the first is a header."""
     if not os.path.isfile(path):
-        raise InputError(f"there is no file {path}: check the name and the folder")
+        raise FileError(f"there is no file {path}: check the name and the folder")
     try:
         if path.suffix.lower() != ".csv":
             return tuple(line.strip() for line in read_text(path).splitlines() if line.strip())
         table, _ = read_table(path, ",")
     except (OSError, InputError) as error:
-        raise InputError(f"{path} cannot be read as text ({error}): save the labels as UTF-8") from None
+        raise FileError(f"{path} cannot be read as text ({error}): save the labels as UTF-8") from None
     rows = [row for row in table if any(row)]
     header = [cell.lower() for cell in rows[0]] if rows else []
     column = header.index("dof") if "dof" in header else None
     if column is not None or (n_dof is not None and len(rows) == n_dof + 1):
         rows = rows[1:]
     if column is not None and any(len(row) <= column for row in rows):
-        raise InputError(f"{path} has lines without the column 'dof': give every line all columns")
+        raise FileError(f"{path} has lines without the column 'dof': give every line all columns")
     return tuple(" ".join(row) if column is None else row[column] for row in rows)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from opid.errors import InputError
+from opid.errors import FileError, InputError
 from opid.signals.log import LogSettings
 from opid.signals.logs.text.stamps import is_stamp, looks_dated
 from opid.signals.logs.text.table import BLANKS, COMMENTS, MOST_COLUMNS, cells_of, has_thousands_mark, is_row, number_of
@@ -53,7 +53,7 @@ def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHe
     skipped = settings.skip_lines or 0
     numbered = [(at, line) for at, line in enumerate(lines, start=1) if at > skipped and line.strip()]
     if not numbered:
-        raise InputError(f"{path} has no header and no samples: begin with {EXAMPLE}")
+        raise FileError(f"{path} has no header and no samples: begin with {EXAMPLE}")
     delimiter, decimal = _find_layout(path, [line for _, line in numbered][-_ROWS_TO_TELL:], settings)
     rows = [(at, line) for at, line in numbered if is_row(line, delimiter)]
     remarks = [(at, line) for at, line in numbered if line.lstrip().startswith(COMMENTS)]
@@ -68,7 +68,7 @@ def header_of(path: Path, lines: Sequence[str], settings: LogSettings) -> TextHe
     if settings.names:
         line, cells = 0, _match_columns(list(settings.names), kinds)
         if cells is None:
-            raise InputError(
+            raise FileError(
                 f"{path}: `names` of [log] has {len(settings.names)} entries, line {first} has {len(kinds)} cells: "
                 "name every column, the time among them"
             )
@@ -95,11 +95,11 @@ def columns_of(
                 name = f"column {number}"  # lines end with a delimiter: nothing is there
             else:
                 remedy = "write one, or remove the separator before it"
-                raise InputError(f"{where}: column {number} has no name: {remedy if number > 1 else 'write one'}")
+                raise FileError(f"{where}: column {number} has no name: {remedy if number > 1 else 'write one'}")
         columns.append(Column(name, own, kind))
     twice = Counter(column.name for column in columns).most_common(1)
     if twice and twice[0][1] > 1:
-        raise InputError(f"{where} names {twice[0][1]} columns {twice[0][0]!r}: rename all but one")
+        raise FileError(f"{where} names {twice[0][1]} columns {twice[0][0]!r}: rename all but one")
     return tuple(columns)
 
 
@@ -141,13 +141,13 @@ def _find_layout(path: Path, lines: Sequence[str], settings: LogSettings) -> tup
     """Return the delimiter and the decimal with which most cells of the last lines are numbers."""
     own = settings.delimiter
     if own is not None and (len(own) != 1 or own.isalnum() or own in '+-."\n\r'):
-        raise InputError(f"{path}: delimiter is {own!r}: give one like ',', ';', '|', '\\t', or ' ' for runs of blanks")
+        raise FileError(f"{path}: delimiter is {own!r}: give one like ',', ';', '|', '\\t', or ' ' for runs of blanks")
     layouts = [each for each in _LAYOUTS if settings.decimal in (None, each[1])]
     if own is not None:
         layouts = [(own, decimal) for decimal in (".", ",") if settings.decimal in (None, decimal)]
     widest = max(max(max(map(line.count, ",;\t|")) + 1, len(line.split())) for line in lines)
     if widest > MOST_COLUMNS:
-        raise InputError(
+        raise FileError(
             f"{path} has lines of {widest} cells: write one line for each sample and at most {MOST_COLUMNS} columns"
         )
     best, found = 0, layouts[0]
@@ -244,7 +244,7 @@ def _find_header(
             return above[-2][0], before, [cell.strip("[]() ") or None for cell in cells]
         if cells is None:
             k = len(cells_or_text(text, delimiter))
-            raise InputError(
+            raise FileError(
                 f"{path} line {at} has {k} cell(s) where line {first} has {n}: mend the header, "
                 "or give `names` in [log] for all columns"
             )
@@ -301,6 +301,6 @@ def _read_header_alone(
     text = text.lstrip().lstrip("#%/ ")
     cells = list(settings.names) or cells_or_text(text, delimiter)
     if not any(cells):
-        raise InputError(f"{path} has no header and no samples: begin with {EXAMPLE}")
+        raise FileError(f"{path} has no header and no samples: begin with {EXAMPLE}")
     columns = columns_of(f"{path} line {at}", cells, [None] * len(cells), [NUMBER] * len(cells))
     return TextHeader(columns, delimiter, decimal, at, at + 1)

@@ -19,7 +19,7 @@ from typing import IO
 
 import numpy as np
 
-from opid.errors import InputError
+from opid.errors import FileError, InputError
 from opid.signals.log import LogSettings
 from opid.signals.recording import FloatArray
 
@@ -100,10 +100,10 @@ def lines_of(
             except UnicodeDecodeError as error:
                 raise _describe_undecoded(path, number, error, known, stated=encoding is not None) from error
             except UnicodeError as error:
-                raise InputError(f"{path} is not {known} text ({error}): give another `encoding` in [log]") from error
+                raise FileError(f"{path} is not {known} text ({error}): give another `encoding` in [log]") from error
             if "\0" in text:
                 line = number + 1 + text[: text.index("\0")].count("\n")
-                raise InputError(
+                raise FileError(
                     f"{path} line {line} is binary or UTF-16 without its mark, not text: export the log as UTF-8 text, "
                     "or give `encoding` in [log]"
                 )
@@ -112,7 +112,7 @@ def lines_of(
             may_be_long = len(remainder) + len(text) > LONGEST_LINE
             for at, line_text in enumerate((*lines, remainder) if may_be_long else (), start=1):
                 if len(line_text) > LONGEST_LINE:
-                    raise InputError(
+                    raise FileError(
                         f"{path} line {number + at} has more than {LONGEST_LINE} characters, as no log has: "
                         "write one line for each sample, one column for each channel"
                     )
@@ -175,7 +175,7 @@ def _describe_undecoded(
     if not stated and byte in _LATIN and name == "UTF-8":
         sign = bytes([byte]).decode("latin-1")
         remedy = f"""if that stands for {sign!r}, give encoding = "latin-1" in [log], or export the log as UTF-8"""
-    return InputError(f"{path} line {line} is not {name} text (byte 0x{byte:02x}): {remedy}")
+    return FileError(f"{path} line {line} is not {name} text (byte 0x{byte:02x}): {remedy}")
 
 
 # ---- rows and cells --------------------------------------------------------------------------------
@@ -354,9 +354,9 @@ def _number_rows(table: TextTable, number: int, lines: Sequence[str]) -> Iterato
         try:
             cells = cells_of(line, table.delimiter)
         except InputError as error:
-            raise InputError(f"{table.path} line {at} {error}") from error
+            raise FileError(f"{table.path} line {at} {error}") from error
         if len(cells) < n or (len(cells) > n and not table.more):
-            raise InputError(
+            raise FileError(
                 f"{table.path} line {at} has {len(cells)} cell(s) where the header has {n}: "
                 "mend the line, or delete it if the log was cut off there"
             )
@@ -370,7 +370,7 @@ def _read_cell_by_cell(table: TextTable, number: int, lines: Sequence[str], colu
         if None in own:
             column = columns[own.index(None)]
             fault = _describe_fault(cells[column], table.decimal, is_time=column == table.time)
-            raise InputError(f"{table.path} line {at}, column {table.names[column]!r}: {fault}")
+            raise FileError(f"{table.path} line {at}, column {table.names[column]!r}: {fault}")
         values.append(own)
     return np.array(values, dtype=np.float64)
 
