@@ -31,7 +31,6 @@ from opid.modal.result import ModalIdentification
 from opid.modal.settings import MODAL, SIMULATED
 from opid.modal.study import THRESHOLDS, ModalStudy
 from opid.progress import Say
-from opid.signals.health.inspection import inspect
 
 logger = logging.getLogger(__name__)
 
@@ -203,9 +202,7 @@ def warn_of_records(study: ModalStudy) -> Iterator[str]:
                 f"({', '.join(repr(name) for name in missing[:6])}): its modes are filtered with the condition number "
                 f"{condition_number(with_sensors(test.modes, test.sensors)):.1f}"
             )
-        channels = inspect(test.readings, thorough=False).channels
-        clipped = {channel.name: channel.clipped_fraction for channel in channels if channel.clipped_fraction > 0}
-        if clipped:
+        if clipped := test.clipped:
             worst = max(clipped, key=lambda name: clipped[name])
             others = f" and {len(clipped) - 1} more channel(s)" if len(clipped) > 1 else ""
             yield (

@@ -29,6 +29,8 @@ class ResponseFitSettings:
         highest_order: highest order of the poles; two thirds of them are mathematical.
         same_frequency: a pole is that of the order before if its frequency differs by less, relative ...
         same_damping: ... and its damping ratio by less, relative.
+        close: half of the distance of two poles that are tried in the place of one, in damping ratios.
+        still_left: they are two modes if they leave less than this fraction of what one leaves beyond noise about it.
         same_mode: two poles are of one mode if they are closer than this multiple of its damping ratio, relative.
         fewest_orders: a mode stands in so many orders; of a noisy response a mathematical pole stays for three or four.
         most_damping: poles with a larger damping ratio describe no mode of a structure.
@@ -60,6 +62,8 @@ class ResponseFitSettings:
     highest_order: int = 60
     same_frequency: float = 0.002
     same_damping: float = 0.1
+    close: float = 0.5
+    still_left: float = 0.1
     same_mode: float = 0.5
     fewest_orders: int = 8
     most_damping: float = 0.2
@@ -150,6 +154,17 @@ class FittedResidues:
         return [self.sensors.index(each.drive_point) for each in self.responses]
 
     @property
+    def pole_errors(self) -> FloatArray:
+        """(n_modes, 2) relative errors of the poles by what the modes leave about each mode beyond noise.
+
+        A response that is off by a fraction turns its phase by as much, as a frequency does that is off by this
+        fraction of its damping ratio, and has a width that is off by it.
+        """
+        size = np.sqrt(np.sum(self.residues**2, axis=(0, 1)))
+        off = np.sqrt(np.sum(self.residue_errors**2, axis=(0, 1))) / np.maximum(size, 1e-300)
+        return np.stack([off * self.poles[:, 1], off], axis=1)
+
+    @property
     def widened_std(self) -> FloatArray:
         """Standard deviations of the residues that hold what the modes leave of a sensor beyond its noise.
 
@@ -169,9 +184,10 @@ class FittedModes(Result):
         modal_mass_kg: its modal mass where its shape is 1 at the drive point; that at which it moves most clearly.
             Empty without a scale.
         shapes: (n_sensors, n_modes) mass-normalised shapes, kg^-1/2; that of a strain gauge is 1/m kg^-1/2. Without a
-            scale they are 1 at their largest sensor; nan of a sensor that the modes do not explain.
-        shape_std: their standard deviations, without that of the calibrations.
-        has_scale: whether the shapes are mass-normalised: the responses do not contradict the drive points.
+            scale they are 1 at the largest of their sensors; nan of a sensor that the modes do not explain.
+        shape_std: their standard deviations, without that of the calibrations; nan where records differ.
+        has_scale: whether the shapes are mass-normalised: the responses do not contradict the drive points, and no
+            force is clipped.
         sensors: names of the sensors.
         units: unit of the second derivative of each sensor's reading, m/s^2, or strain/s^2 of a strain gauge.
         band_hz: the band of the fit.

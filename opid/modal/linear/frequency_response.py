@@ -23,6 +23,7 @@ from opid.modal.linear.modes import (
 )
 from opid.modal.settings import MODAL
 from opid.provenance import ReadFile
+from opid.signals.health.inspection import clipped_fractions
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import Window, cross_spectra
 
@@ -42,6 +43,8 @@ class FrequencyResponse:
         left_at_end: motion at the end of the records that were transformed whole, over the largest one, rms.
         level_ratio: largest peak of the force in a record over the smallest.
         units: unit of the second derivative of each sensor's reading; all are "m/s^2" where empty.
+        clipped_sensors: sensors that are clipped in a record.
+        has_clipped_force: whether the force is clipped in a record.
     """
 
     frequency_hz: FloatArray
@@ -53,6 +56,8 @@ class FrequencyResponse:
     left_at_end: float = 0.0
     level_ratio: float = 1.0
     units: tuple[str, ...] = ()
+    clipped_sensors: tuple[str, ...] = ()
+    has_clipped_force: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +73,8 @@ class ForcedRecord:
         sensors: names of their columns.
         drive_point: the sensor where and in whose direction the force acts.
         files: the files that it was read from.
+        clipped_sensors: sensors that are clipped.
+        has_clipped_force: whether the force is clipped.
     """
 
     name: str
@@ -78,6 +85,8 @@ class ForcedRecord:
     sensors: tuple[str, ...]
     drive_point: str
     files: tuple[ReadFile, ...] = ()
+    clipped_sensors: tuple[str, ...] = ()
+    has_clipped_force: bool = False
 
     def padded_to(self, n_samples: int) -> ForcedRecord:
         """Return the record followed by rest, of so many samples."""
@@ -117,6 +126,7 @@ def forced_record(recording: Recording, *, name: str, force: str, drive_point: s
             "motion there, which gives the modal masses"
         )
     columns = [accelerations.index(each) for each in sensors]
+    clipped = clipped_fractions(recording)
     return ForcedRecord(
         name,
         recording.fs,
@@ -126,6 +136,8 @@ def forced_record(recording: Recording, *, name: str, force: str, drive_point: s
         tuple(sensors),
         drive_point,
         recording.files,
+        tuple(each for each in sensors if each in clipped),
+        force in clipped,
     )
 
 
@@ -182,8 +194,19 @@ def measured_response(
     left = 0.0 if nperseg is not None else max(_measure_end(motion) for _, motion in records)
     peaks = [float(np.abs(force).max()) for force, _ in records]
     ratio = max(peaks) / max(min(peaks), 1e-300)
+    clipped = {name for test in tests for name in test.clipped_sensors}
     return FrequencyResponse(
-        frequency_hz, value, sensors, drive_point, n_averages, coherence, left, ratio, tests[0].units
+        frequency_hz,
+        value,
+        sensors,
+        drive_point,
+        n_averages,
+        coherence,
+        left,
+        ratio,
+        tests[0].units,
+        tuple(name for name in sensors if name in clipped),
+        any(test.has_clipped_force for test in tests),
     )
 
 

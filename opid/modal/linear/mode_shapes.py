@@ -31,9 +31,10 @@ def shape_modes(found: FittedResidues, settings: ResponseFitSettings) -> FittedM
     signs = _find_signs(found, settings)
     contradicted = _find_contradicted(found, signs)
     withheld: NDArray[np.bool_] = np.array([each.excess > settings.most_left for each in found.misfits])
+    withheld |= np.isin(found.sensors, _list_clipped(found))
     lost_drives = [drive for drive in dict.fromkeys(found.drives) if withheld[drive]]
-    has_scale = not (contradicted or lost_drives)
-    kept, shaped = _shape_to_scale(found, settings) if has_scale else _shape_without_scale(found)
+    has_scale = not (contradicted or lost_drives or any(each.has_clipped_force for each in found.responses))
+    kept, shaped = _shape_to_scale(found, settings) if has_scale else _shape_without_scale(found, withheld)
     unlike = _find_unlike(found, kept, shaped.shapes, settings)
     apart = shaped.misfits > MODAL.most_misfit
     frequencies, ratios = _give_poles(found, kept, settings)
@@ -50,6 +51,7 @@ def shape_modes(found: FittedResidues, settings: ResponseFitSettings) -> FittedM
     )
     for each in (shaped.shapes, shaped.std):
         each[withheld] = np.nan
+    shaped.std[:, unlike] = np.nan
     return FittedModes(
         frequencies,
         ratios,
@@ -79,6 +81,11 @@ class _Shapes:
     std: FloatArray
     masses: tuple[Estimate, ...]
     misfits: FloatArray
+
+
+def _list_clipped(found: FittedResidues) -> list[str]:
+    """Return the sensors that are clipped in a record."""
+    return [name for name in found.sensors if any(name in each.clipped_sensors for each in found.responses)]
 
 
 def _find_signs(found: FittedResidues, settings: ResponseFitSettings) -> NDArray[np.int64]:
@@ -134,14 +141,18 @@ def _shape_to_scale(found: FittedResidues, settings: ResponseFitSettings) -> tup
     return kept, _Shapes(shapes, shape_std, tuple(masses), np.array(misfits))
 
 
-def _shape_without_scale(found: FittedResidues) -> tuple[NDArray[np.int64], _Shapes]:
-    """Return all modes with shapes that are 1 at their largest sensor, by the drive point that moves each most."""
+def _shape_without_scale(found: FittedResidues, withheld: NDArray[np.bool_]) -> tuple[NDArray[np.int64], _Shapes]:
+    """Return all modes with shapes that are 1 at their largest sensor, by the drive point that moves each most.
+
+    A sensor that is withheld is not that one, unless all are.
+    """
+    counts = np.ones_like(withheld) if withheld.all() else ~withheld
     kept = np.arange(len(found.poles))
     shapes, stds = np.empty((len(found.sensors), kept.size)), np.empty((len(found.sensors), kept.size))
     for mode in kept:
         residues, own = found.residues[..., mode], found.widened_std[..., mode]
         best = int(np.argmax(np.max(np.abs(residues) / own, axis=1)))
-        largest = residues[best, int(np.argmax(np.abs(residues[best])))]
+        largest = residues[best, int(np.argmax(np.abs(residues[best]) * counts))]
         shapes[:, mode], stds[:, mode] = residues[best] / largest, own[best] / abs(largest)
     return kept, _Shapes(shapes, stds, (Estimate(),) * kept.size, np.ones(kept.size))
 
@@ -150,7 +161,7 @@ def _give_poles(
     found: FittedResidues, kept: NDArray[np.int64], settings: ResponseFitSettings
 ) -> tuple[tuple[Estimate, ...], tuple[Estimate, ...]]:
     """Return natural frequencies and damping ratios with their intervals."""
-    relative = found.pole_std.copy()
+    relative = np.hypot(found.pole_std, found.pole_errors)
     relative[:, 0] = np.hypot(relative[:, 0], settings.complexity * found.poles[:, 1] ** 2)
     left_at_end = max(settings.left_at_end, *(each.left_at_end for each in found.responses))
     relative[:, 1] = np.hypot(relative[:, 1], left_at_end)
@@ -213,7 +224,14 @@ def _warn_of_sensors(
                 f"{1e6 * (delay.std or 0.0):.2g} us), which the fit corrects: look for a filter in its channel, or for "
                 "a recorder of its own"
             )
+    clipped = _list_clipped(found)
     for name, misfit, is_lost in zip(found.sensors, found.misfits, withheld, strict=True):
+        if name in clipped:
+            yield (
+                f"sensor {name!r} is clipped in a record, so that its shapes are withheld: leave that record out, or "
+                "measure with a larger range"
+            )
+            continue
         left = (
             f"the modes leave {format_percent(misfit.unexplained, 2)} of the responses of sensor {name!r}, where noise "
             f"leaves {format_percent(misfit.noise, 2)}, "
@@ -241,6 +259,11 @@ def _warn_of_drive_points(
             f"the force did not act at {name!r}, or not in its direction: where a force acts, all modes have residues "
             "of one sign, and an anti-resonance lies between any two of them; there the signs differ, "
             f"{withheld}; {could}, so name the sensor at the drive point, or see whether signs of sensors are right"
+        )
+    for name in (each.drive_point for each in found.responses if each.has_clipped_force):
+        yield (
+            f"the force at {name!r} is clipped in a record, {withheld}: leave that record out, or measure with a "
+            "larger range"
         )
     for sensor in lost:
         yield f"the modes do not explain sensor {found.sensors[sensor]!r} at the drive point, {withheld}"

@@ -12,6 +12,7 @@ from scipy import fft
 from opid.errors import InputError, count_repeats, list_names, nearest
 from opid.mechanics.structure import Structure, natural_frequencies
 from opid.modal.settings import MODAL
+from opid.signals.health.inspection import clipped_fractions
 from opid.signals.motion import DERIVATIVES, differentiate
 from opid.signals.recording import LEAST_SIZE, Channel, FloatArray, Recording, has_usual_size
 
@@ -323,6 +324,23 @@ class ModalTest:
     def at_sensors(self) -> FloatArray:
         """(n, n_sensors) accelerations at `sensors`, m/s^2, and second derivatives of strains, strain/s^2."""
         return self.recording.samples[:, [self.recording.index(sensor) for sensor in self.sensors]]
+
+    @property
+    def clipped(self) -> dict[str, float]:
+        """The channels that are clipped, and which fraction of the samples of each."""
+        return clipped_fractions(self.readings)
+
+    @property
+    def clipped_sensors(self) -> tuple[str, ...]:
+        """Those of `sensors` that are clipped."""
+        clipped = self.clipped
+        return tuple(sensor for sensor in self.sensors if sensor in clipped)
+
+    @property
+    def has_clipped_force(self) -> bool:
+        """Whether a force is clipped."""
+        clipped = self.clipped
+        return any(each.channel in clipped for each in self.forces)
 
     def modal_acceleration(self, mode: int) -> FloatArray:
         """(n,) q'' of a mode counted from 1, m/s^2 kg^1/2."""

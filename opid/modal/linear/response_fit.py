@@ -18,6 +18,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize
 
 from opid.errors import InputError, NotDeterminedError, list_names, require
@@ -78,6 +79,7 @@ def fit_modes(
     fit = _drop_weak(_fit_poles(data, begun, np.zeros(1), settings), settings)
     late = _free_late_sensors(fit, settings)
     fit = fit if late is fit else _drop_weak(late, settings)
+    fit = _split_close_modes(fit, settings)
     left = fit.unexplained(settings)
     if max(left) > settings.most_left:
         raise NotDeterminedError(
@@ -96,6 +98,31 @@ def _drop_weak(fit: _Fit, settings: ResponseFitSettings) -> _Fit:
         # Two poles of one mode are both weak, and only one of them is too many.
         fit = _fit_poles(fit.data, np.delete(fit.poles, weakest, axis=0), fit.delays_s, settings)
     return fit
+
+
+def _split_close_modes(fit: _Fit, settings: ResponseFitSettings) -> _Fit:
+    """Return the fit with two poles in the place of one where two modes explain what one leaves beyond noise.
+
+    A clipped record is that of no linear structure, however many modes it has.
+    """
+    if any(each.has_clipped_force or each.clipped_sensors for each in fit.data.responses):
+        return fit
+    refused: set[float] = set()
+    while True:
+        beyond = fit.find_beyond_noise(settings).sum(axis=0)
+        asked = [k for k in np.argsort(-beyond).tolist() if beyond[k] > 0 and fit.poles[k, 0] not in refused]
+        if not asked:
+            return fit
+        own_hz, ratio = fit.poles[asked[0]]
+        refused.add(float(own_hz))
+        two = own_hz * (1 + settings.close * ratio * np.array([-1.0, 1.0]))
+        begun = np.concatenate([np.delete(fit.poles, asked[0], axis=0), np.stack([two, np.full(2, ratio)], axis=1)])
+        tried = _minimize(fit.data, begun[np.argsort(begun[:, 0])], fit.delays_s, fit.weight, settings)
+        near = np.abs(tried.poles[:, 0] / own_hz - 1) <= settings.near * ratio
+        left = float(tried.find_beyond_noise(settings).sum(axis=0)[near].max(initial=0.0))
+        if left < settings.still_left * beyond[asked[0]]:
+            tried = _fit_poles(fit.data, tried.poles, tried.delays_s, settings)
+            fit = tried if tried.find_weakest(settings) is None else fit
 
 
 def _free_late_sensors(fit: _Fit, settings: ResponseFitSettings) -> _Fit:
@@ -495,17 +522,21 @@ class _Fit:
         of_whole = np.sqrt(np.stack([left, noise]) / np.maximum(whole, 1e-300))
         return tuple(SensorMisfit(*each) for each in of_whole.T.tolist())
 
+    def _find_near(self, settings: ResponseFitSettings) -> NDArray[np.bool_]:
+        """Return the lines about each mode, (n_modes, n_lines)."""
+        off = np.abs(self.data.omega / (2 * np.pi * self.poles[:, :1]) - 1)
+        return off <= np.maximum(settings.near * self.poles[:, 1:], off.min(axis=1, keepdims=True))
+
+    def find_beyond_noise(self, settings: ResponseFitSettings) -> FloatArray:
+        """Return the power that noise does not explain about each mode, (n_pairs, n_modes)."""
+        near = self._find_near(settings).T.astype(float)
+        of_left, of_noise = (each @ near for each in self._split_left())
+        return np.where(of_left > MODAL.most_misfit**2 * of_noise, of_left - of_noise, 0.0)
+
     def _find_residue_errors(self, settings: ResponseFitSettings) -> FloatArray:
         """Return the residues (n_pairs, n_modes) that have the power of what noise does not explain about each mode."""
-        left, noise = self._split_left()
-        errors, modes = np.zeros((len(left), len(self.poles))), _join(self.shape)
-        for mode, (own_hz, ratio) in enumerate(self.poles.tolist()):
-            off = np.abs(self.data.omega / (2 * np.pi * own_hz) - 1)
-            near = off <= max(settings.near * ratio, float(off.min()))
-            of_left, of_noise = (each[:, near].sum(axis=1) for each in (left, noise))
-            beyond = np.where(of_left > MODAL.most_misfit**2 * of_noise, of_left - of_noise, 0.0)
-            errors[:, mode] = np.sqrt(beyond / np.sum(np.abs(modes[near, mode]) ** 2))
-        return errors
+        modes = np.abs(_join(self.shape)[:, : len(self.poles)]) ** 2
+        return np.sqrt(self.find_beyond_noise(settings) / np.sum(modes.T * self._find_near(settings), axis=1))
 
     def describe(self, settings: ResponseFitSettings, left: tuple[float, ...]) -> FittedResidues:
         """Return what was found, with the standard deviations of all of it."""

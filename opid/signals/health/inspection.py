@@ -37,7 +37,7 @@ from opid.signals.orientation import align_spectra, say_movement
 from opid.signals.recording import FloatArray, Recording
 from opid.signals.spectra import ComplexArray
 
-__all__ = ["Finding", "check_channels", "findings_in_words", "inspect", "remove_spikes"]
+__all__ = ["Finding", "check_channels", "clipped_fractions", "findings_in_words", "inspect", "remove_spikes"]
 
 _SEVERITIES: tuple[Severity, ...] = ("fault", "warning", "note")
 
@@ -283,6 +283,16 @@ def check_channels(
     health = inspect(recording, thorough=False)
     # notes are left out: gravity on a channel, say, is taken off with the mean anyway
     return [*found, *(each for each in health.findings if each.severity != "note" and each.channel in used)]
+
+
+def clipped_fractions(recording: Recording) -> dict[str, float]:
+    """Return the channels that are clipped, and which fraction of the samples of each.
+
+    Args:
+        recording: a recording.
+    """
+    channels = inspect(recording, thorough=False).channels
+    return {each.name: each.clipped_fraction for each in channels if each.clipped_fraction > 0}
 
 
 def findings_in_words(run: str, findings: Sequence[Finding]) -> Iterator[str]:

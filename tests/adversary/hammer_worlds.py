@@ -1,0 +1,145 @@
+"""Worlds of `opid modes`: linear modes from hits of a hammer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from judged_worlds import Answer, World
+from made_hits import MODES, SENSORS, hit, ring
+from modal_worlds import Change, clip, delay, exchange, scale
+
+from opid.estimate import Estimate
+from opid.modal.linear.fitted_modes import RESPONSE_FIT, FittedModes
+from opid.modal.linear.frequency_response import measured_response
+from opid.modal.linear.modes import LinearModes
+from opid.modal.linear.response_fit import fit_modes
+from opid.signals.recording import FloatArray
+
+BAND_HZ = (25.0, 115.0)
+FORCE = len(SENSORS)
+"""Column of the hammer."""
+
+
+def hammer_world(
+    fails: str,
+    change: Change = lambda samples, rng: samples,
+    *,
+    structures: Callable[[int], LinearModes] = lambda number: MODES,
+    n_hits: int = 5,
+    named: str = "tip",
+    must_say: str = "",
+    unseen: str = "",
+) -> World:
+    """Return the world of a structure with three elastic modes that is hit at its tip.
+
+    Its records are changed; `structures` are those of the hits, by their number, and `named` is the sensor that is said
+    to be where the force acts. The shapes are compared up to their
+    sign, with the tolerance of calibrations that their standard deviations leave out.
+    """
+
+    def ask(seed: int) -> Answer:
+        rng = np.random.default_rng([seed, 12])
+        rings = [ring(100 * seed + number, modes=structures(number)) for number in range(n_hits)]
+        records = [hit(replace(each, samples=change(each.samples.copy(), rng)), named) for each in rings]
+        found = fit_modes([measured_response(records)], band_hz=BAND_HZ)
+        return Answer(compare(found, structures(0)), found.warnings)
+
+    return World("modes", fails, ask, must_say, unseen)
+
+
+def compare(found: FittedModes, modes: LinearModes) -> tuple[tuple[str, Estimate, float], ...]:
+    """Return the estimates of each mode, each beside that of the mode of the structure which has its frequency."""
+    pairs = []
+    for k, frequency in enumerate(found.frequency_hz):
+        mode = int(np.argmin(np.abs(modes.frequency_hz - float(frequency.value or 0.0))))
+        pairs += [
+            (f"frequency of mode {k + 1}", frequency, float(modes.frequency_hz[mode])),
+            (f"damping of mode {k + 1}", found.damping_ratio[k], float(modes.damping_ratio[mode])),
+            (f"mass of mode {k + 1}", found.modal_mass_kg[k], float(1 / modes.shapes[0, mode] ** 2)),
+        ]
+        own, std = found.shapes[:, k], np.hypot(found.shape_std[:, k], RESPONSE_FIT.gain * np.abs(found.shapes[:, k]))
+        scale = 1.0 if found.has_scale else 1 / modes.shapes[np.nanargmax(np.abs(own)), mode]
+        true = modes.shapes[:, mode] * scale
+        sign = np.sign(np.nansum(own * true))
+        pairs += [
+            (f"shape of mode {k + 1} at {name}", Estimate(float(sign * value), std=float(each)), float(truth))
+            for name, value, each, truth in zip(SENSORS, own, std, true, strict=True)
+            if np.isfinite(value) and np.isfinite(each)
+        ]
+    return tuple(pairs)
+
+
+def shift(number: int) -> LinearModes:
+    """Return the structure of a hit; from the third on a joint has slipped, which lowers one frequency by 0.3 %."""
+    return replace(MODES, frequency_hz=MODES.frequency_hz * np.array([1.0, 1.0, 0.997 if number > 1 else 1.0, 1.0]))
+
+
+def bring_together(number: int) -> LinearModes:
+    """Return the structure with two modes that are half a half-power width apart."""
+    return replace(MODES, frequency_hz=np.array([0.0, 62.9, 63.0, 91.0]))
+
+
+def window(samples: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return records whose accelerations an analyser has made to decay, by 1/e in three seconds."""
+    samples[:, :FORCE] *= np.exp(-np.arange(len(samples)) / (3.0 * 512.0))[:, None]
+    return samples
+
+
+def hum(samples: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return records with the frequency of the mains in all sensors, a tenth of their rms, in any phase."""
+    wave = np.sin(2 * np.pi * 50.0 * np.arange(len(samples)) / 512.0 + rng.uniform(0.0, 2 * np.pi))
+    samples[:, :FORCE] += 0.14 * samples[:, :FORCE].std(axis=0) * wave[:, None]
+    return samples
+
+
+def hit_twice(samples: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return records of a hammer that bounces: a second hit of a third of the height comes 60 ms after the first."""
+    n = round(0.06 * 512.0)
+    samples[n:] += samples[:-n] / 3.0
+    return samples
+
+
+def cut(samples: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return records that end after two seconds."""
+    return samples[:1024]
+
+
+HAMMER_WORLDS = [
+    hammer_world("none"),
+    hammer_world("sign of the force", scale([FORCE], -1.0), must_say="negative"),
+    hammer_world("sign of one sensor", scale([2], -1.0), unseen="a sensor that counts the other way round is a shape"),
+    hammer_world("gain of all accelerations 2 % off", scale(slice(0, FORCE), 1.02)),
+    hammer_world("gain of one sensor 2 % off", scale([1], 1.02)),
+    hammer_world("accelerations late by one sample", delay(slice(0, FORCE), 1.0)),
+    hammer_world("accelerations late by 0.1 sample", delay(slice(0, FORCE), 0.1)),
+    hammer_world("one sensor late by one sample", delay(slice(1, 2), 1.0)),
+    *(
+        hammer_world(f"{name} named where the force acts", named=name, must_say="the force did not act at")
+        for name in SENSORS[1:]
+    ),
+    hammer_world(
+        "two sensors exchanged",
+        exchange(1, 2),
+        unseen="the shape of any structure may be that of this one with two sensors exchanged",
+    ),
+    hammer_world("force clipped", clip(FORCE, 0.5), must_say="clipped"),
+    hammer_world("acceleration clipped", clip(0, 0.5), must_say="clipped"),
+    hammer_world("one mode 0.3 % lower from the third hit on", structures=shift, must_say="the records differ"),
+    hammer_world("two modes closer than their widths", structures=bring_together),
+    hammer_world("one hit", n_hits=1),
+    hammer_world("records end early", cut, must_say="ends with"),
+    hammer_world("hum of the mains", hum),
+    hammer_world("hammer bounces", hit_twice),
+    hammer_world(
+        "exponential window of the analyser",
+        window,
+        unseen="a window that decays by 1/e in T makes each mode decay faster by 1/T, as damping does",
+    ),
+    hammer_world(
+        "accelerations in g read as m/s^2",
+        scale(slice(0, FORCE), 1 / 9.80665),
+        unseen="a free structure that is 9.8 times heavier answers a force so",
+    ),
+]
