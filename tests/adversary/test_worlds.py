@@ -7,9 +7,18 @@ from hammer_worlds import HAMMER_WORLDS
 from identify_worlds import IDENTIFY_WORLDS
 from judged_worlds import judge, list_names
 from modal_worlds import MODAL_WORLDS
+from sensing_worlds import SENSING_WORLDS
 from updating_worlds import UPDATING_WORLDS
 
-EVERY_WORLD = (*BENCH_WORLDS, *HAMMER_WORLDS, *MODAL_WORLDS, *UPDATING_WORLDS, *FLIGHT_WORLDS, *IDENTIFY_WORLDS)
+EVERY_WORLD = (
+    *BENCH_WORLDS,
+    *HAMMER_WORLDS,
+    *MODAL_WORLDS,
+    *UPDATING_WORLDS,
+    *FLIGHT_WORLDS,
+    *IDENTIFY_WORLDS,
+    *SENSING_WORLDS,
+)
 WORLDS = [each for each in EVERY_WORLD if not each.unseen and not each.is_slow]
 
 

@@ -30,6 +30,7 @@ class ResponseFitSettings:
         same_frequency: a pole is that of the order before if its frequency differs by less, relative ...
         same_damping: ... and its damping ratio by less, relative.
         close: half of the distance of two poles that are tried in the place of one, in damping ratios.
+        about: half of the width in which they are fitted, in damping ratios.
         still_left: they are two modes if they leave less than this fraction of what one leaves beyond noise about it.
         same_mode: two poles are of one mode if they are closer than this multiple of its damping ratio, relative.
         fewest_orders: a mode stands in so many orders; of a noisy response a mathematical pole stays for three or four.
@@ -63,6 +64,7 @@ class ResponseFitSettings:
     same_frequency: float = 0.002
     same_damping: float = 0.1
     close: float = 0.5
+    about: float = 8.0
     still_left: float = 0.1
     same_mode: float = 0.5
     fewest_orders: int = 8

@@ -107,22 +107,17 @@ def _split_close_modes(fit: _Fit, settings: ResponseFitSettings) -> _Fit:
     """
     if any(each.has_clipped_force or each.clipped_sensors for each in fit.data.responses):
         return fit
-    refused: set[float] = set()
-    while True:
-        beyond = fit.find_beyond_noise(settings).sum(axis=0)
-        asked = [k for k in np.argsort(-beyond).tolist() if beyond[k] > 0 and fit.poles[k, 0] not in refused]
-        if not asked:
-            return fit
-        own_hz, ratio = fit.poles[asked[0]]
-        refused.add(float(own_hz))
-        two = own_hz * (1 + settings.close * ratio * np.array([-1.0, 1.0]))
-        begun = np.concatenate([np.delete(fit.poles, asked[0], axis=0), np.stack([two, np.full(2, ratio)], axis=1)])
-        tried = _minimize(fit.data, begun[np.argsort(begun[:, 0])], fit.delays_s, fit.weight, settings)
-        near = np.abs(tried.poles[:, 0] / own_hz - 1) <= settings.near * ratio
-        left = float(tried.find_beyond_noise(settings).sum(axis=0)[near].max(initial=0.0))
-        if left < settings.still_left * beyond[asked[0]]:
-            tried = _fit_poles(fit.data, tried.poles, tried.delays_s, settings)
-            fit = tried if tried.find_weakest(settings) is None else fit
+    beyond = fit.find_beyond_noise(settings).sum(axis=0)
+    pairs = {
+        mode: two for mode in np.flatnonzero(beyond) if (two := fit.find_two_poles(int(mode), settings)) is not None
+    }
+    for mode in sorted(pairs, key=lambda mode: -beyond[mode]):
+        own_hz = float(fit.poles[mode, 0])
+        poles = np.concatenate([fit.poles[fit.poles[:, 0] != own_hz], pairs[mode]])
+        tried = _fit_poles(fit.data, poles[np.argsort(poles[:, 0])], fit.delays_s, settings)
+        if tried.find_weakest(settings) is None:
+            return _split_close_modes(tried, settings)
+    return fit
 
 
 def _free_late_sensors(fit: _Fit, settings: ResponseFitSettings) -> _Fit:
@@ -532,6 +527,31 @@ class _Fit:
         near = self._find_near(settings).T.astype(float)
         of_left, of_noise = (each @ near for each in self._split_left())
         return np.where(of_left > MODAL.most_misfit**2 * of_noise, of_left - of_noise, 0.0)
+
+    def find_two_poles(self, mode: int, settings: ResponseFitSettings) -> FloatArray | None:
+        """Return two poles (2, 2) that leave far less about a mode than its own does; None where they do not.
+
+        They are fitted to the lines about it alone, and what the other modes do there stays.
+
+        Args:
+            mode: index of the mode.
+            settings: tuned numbers.
+        """
+        own_hz, ratio = self.poles[mode]
+        off = np.abs(self.data.omega / (2 * np.pi * own_hz) - 1)
+        lines, near = off <= settings.about * ratio, self._find_near(settings)[mode]
+        two = np.stack([own_hz * (1 + settings.close * ratio * np.array([-1.0, 1.0])), np.full(2, ratio)], axis=1)
+        if lines.sum() < 2 * two.size:
+            return None
+        others = np.delete(np.arange(self.residues.shape[1]), mode)
+        alone = self.aligned - _join(self.shape[:, others] @ self.residues[:, others].T).T
+        data = replace(self.data, omega=self.data.omega[lines], value=alone[:, lines], late=())
+        found = _minimize(data, two, np.zeros(1), self.weight[:, lines], settings)
+        squares, noise = self._split_left()
+        left = np.zeros_like(squares)
+        left[:, lines] = np.abs(found.aligned - found.make_responses()) ** 2
+        before, after = (float((each - noise)[:, near].sum()) for each in (squares, left))
+        return found.poles if after < settings.still_left * before else None
 
     def _find_residue_errors(self, settings: ResponseFitSettings) -> FloatArray:
         """Return the residues (n_pairs, n_modes) that have the power of what noise does not explain about each mode."""

@@ -27,6 +27,7 @@ from opid.suspensions.model.driven_model import Errors, Model, ProcessNoise
 from opid.suspensions.result import Identification
 from opid.suspensions.sensing.result import Quantity, Rainflow, Sensing, StaticValue, VirtualSensor
 from opid.suspensions.sensing.settings import SensingSettings
+from opid.suspensions.sensor_facts import UNKNOWN_GAIN
 from opid.suspensions.settings import Settings
 from opid.suspensions.study import Run, Study
 
@@ -487,7 +488,8 @@ def _find_contradictions(
     vector by far more than its uncertainty, the suspension has changed, or the mass is another one than stated, or a
     gain is: the force may then be that of the law of the result along the motion, or that of the mass of the result
     times the motion, and any sensor may be wrong by the same fraction. No accelerometer tells which, so that the bands
-    hold all of them.
+    hold all of them. A gain that all sensors share shows by what the law has of a nonlinearity alone: it may be off by
+    as many of its standard deviations as the vector is.
 
     Raises:
         NotDeterminedError: they are a large fraction of the force.
@@ -496,12 +498,15 @@ def _find_contradictions(
     motion, unit = smoothed.motion, _mass_unit(part, part.theta)
     body = -motion.whole_force @ record.accelerance.T + motion.pushed[:, : record.n_interfaces]
     squares = (motion.pushed[:, : record.n_interfaces] @ np.linalg.pinv(record.accelerance).T / unit) ** 2
-    moved = np.zeros_like(squares)
+    moved, by_gain = np.zeros_like(squares), 0.0
     if part.moved_std > settings.most_moved:
         before, unit_before = _make_record(part, part.mean), _mass_unit(part, part.mean)
         by_law = smoothed.follow(before).force / unit_before - motion.force / unit
         by_mass = -body @ np.linalg.pinv(before.accelerance).T / unit_before - motion.whole_force / unit
         moved = by_law**2 + by_mass**2
+        facts = (*part.model.sensors.sprung, *part.model.sensors.unsprung)
+        shared = max((each.gain_tolerance for each in facts if each.gain_tolerance < UNKNOWN_GAIN), default=0.0)
+        by_gain = min(part.moved_std * shared, settings.most_contradicted)
     size = float(np.mean(np.var(motion.force / unit, axis=0)))
     fraction = float(np.sqrt(np.mean(squares + moved) / size))
     if fraction > settings.most_contradicted:
@@ -511,7 +516,7 @@ def _find_contradictions(
             f"parameters by {part.moved_std:.2g} standard deviations; its force may be wrong by {100 * fraction:.0f} "
             "%: the log is of another strut or loading, or a sensor has a fault; check it with `opid inspect`"
         )
-    return np.sqrt(squares + moved), fraction
+    return np.sqrt(squares + moved), float(np.hypot(fraction, by_gain))
 
 
 # noise of a drive that was not measured: far more than any wheel moves
