@@ -27,10 +27,14 @@ from opid import Estimate, InputError, NotDeterminedError
 from opid.mechanics.memory import force_along
 from opid.signals.recording import Recording
 from opid.suspensions.sensing.result import Sensing
+from opid.suspensions.sensing.settings import SensingSettings
 from opid.suspensions.sensing.virtual_sensors import sense
 from opid.suspensions.study import Run
 from opid.virtual.taxi_tests.sensors import Sensor
 from opid.virtual.taxi_tests.taxiing import TaxiRun, taxi_run
+
+EXACT = SensingSettings(gain_tolerance=0.0)
+"""The sensors are calibrated exactly but in the world `gain`."""
 
 QUANTITIES = ("strut_force", "tyre_force", "travel", "acceleration")
 BAND_STD = 1.96
@@ -145,7 +149,11 @@ def try_seed(job: tuple[str, int, tuple[str, ...], bool]) -> list[Score]:
         record: Recording = run.recording
         try:
             found = sense(
-                study, result, study.runs[0].name if make is None else Run(world, record), unsprung_mass_kg=unsprung
+                study,
+                result,
+                study.runs[0].name if make is None else Run(world, record),
+                unsprung_mass_kg=unsprung,
+                settings=EXACT,
             )
         except (InputError, NotDeterminedError) as error:
             scores.append(Score(world, seed, case.gear.law.name, nothing, nothing, nothing, str(error)))

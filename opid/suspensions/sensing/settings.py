@@ -22,6 +22,8 @@ class SensingSettings:
         pushes: rms accelerations by unmeasured forces that are tried, over that of the readings.
         push_corners_hz: corners of their spectral density that are tried, Hz: from the bounce of a strut to the upper
             end of the compared band.
+        gain_tolerance: standard deviation of a gain that all sensors share, relative, if the study states none of them:
+            an accelerometer is calibrated to 1 to 2 %. Only what the law has of a nonlinearity shows it.
         least_motion: a record whose readings are less than this times the noise is without motion.
         band_std: half width of the band in standard deviations.
     """
@@ -34,5 +36,6 @@ class SensingSettings:
     followed: float = 1.2
     pushes: tuple[float, ...] = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
     push_corners_hz: tuple[float, ...] = (2.0, 8.0, 30.0)
+    gain_tolerance: float = 0.015
     least_motion: float = 3.0
     band_std: float = 1.96

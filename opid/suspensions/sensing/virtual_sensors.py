@@ -425,7 +425,7 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
     forces = [k for k, (_, quantity, _) in enumerate(channels) if quantity == "strut_force"]
     edges = [_range_edges(value[k], settings.n_bins) for k in forces]
 
-    contradicted, fraction = _find_contradictions(wanted, record, smoothed, settings)
+    contradicted, fraction, by_gain = _find_contradictions(wanted, record, smoothed, settings)
 
     size = np.sqrt(np.maximum(np.diag(part.covariance), 1e-300))
     spread, vectors = np.linalg.eigh(part.covariance / np.outer(size, size))
@@ -453,7 +453,7 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
     for square, (_, quantity, place), each in zip(squares, channels, value, strict=True):
         if quantity in ("strut_force", "strut_load", "tyre_force"):
             square += n_drawn * contradicted[:: wanted.finer, wanted.names.index(place)] ** 2
-        square += n_drawn * fraction**2 * (each**2 + np.var(each))
+        square += n_drawn * (fraction**2 * (each**2 + np.var(each)) + by_gain**2 * (each - each.mean()) ** 2)
     std = [np.sqrt(square / n_drawn) for square in squares]
     unit = "N" if part.fit.has_mass else "m/s^2"
     sensors = [
@@ -478,18 +478,18 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
 
 def _find_contradictions(
     wanted: _Wanted, record: DrivenRecord, smoothed: Smoothed, settings: SensingSettings
-) -> tuple[FloatArray, float]:
+) -> tuple[FloatArray, float, float]:
     """Return by how much the force may be wrong where the record contradicts the result, (n, n_interfaces) N.
 
-    The second value is a relative error of everything, loads at rest among them.
+    The second value is a relative error of everything, loads at rest among them, and the third one of all that moves.
 
     If the model leaves more than noise, the force of the law differs from what the motion of the body needs: by an
     unmeasured force if the law is right, by its own error or that of a sensor if it is not. If the record moves the
     vector by far more than its uncertainty, the suspension has changed, or the mass is another one than stated, or a
     gain is: the force may then be that of the law of the result along the motion, or that of the mass of the result
     times the motion, and any sensor may be wrong by the same fraction. No accelerometer tells which, so that the bands
-    hold all of them. A gain that all sensors share shows by what the law has of a nonlinearity alone: it may be off by
-    as many of its standard deviations as the vector is.
+    hold all of them. Only what the law has of a nonlinearity shows a gain that all sensors share: it may be off, and if
+    the vector moves, by as many of its standard deviations as the vector.
 
     Raises:
         NotDeterminedError: they are a large fraction of the force.
@@ -498,15 +498,17 @@ def _find_contradictions(
     motion, unit = smoothed.motion, _mass_unit(part, part.theta)
     body = -motion.whole_force @ record.accelerance.T + motion.pushed[:, : record.n_interfaces]
     squares = (motion.pushed[:, : record.n_interfaces] @ np.linalg.pinv(record.accelerance).T / unit) ** 2
-    moved, by_gain = np.zeros_like(squares), 0.0
+    moved = np.zeros_like(squares)
+    facts = (*part.model.sensors.sprung, *part.model.sensors.unsprung)
+    stated = max((each.gain_tolerance for each in facts if each.gain_tolerance < UNKNOWN_GAIN), default=0.0)
+    # the draws hold gains whose tolerances are stated
+    by_gain = 0.0 if stated else settings.gain_tolerance
     if part.moved_std > settings.most_moved:
         before, unit_before = _make_record(part, part.mean), _mass_unit(part, part.mean)
         by_law = smoothed.follow(before).force / unit_before - motion.force / unit
         by_mass = -body @ np.linalg.pinv(before.accelerance).T / unit_before - motion.whole_force / unit
         moved = by_law**2 + by_mass**2
-        facts = (*part.model.sensors.sprung, *part.model.sensors.unsprung)
-        shared = max((each.gain_tolerance for each in facts if each.gain_tolerance < UNKNOWN_GAIN), default=0.0)
-        by_gain = min(part.moved_std * shared, settings.most_contradicted)
+        by_gain = min(part.moved_std * (stated or settings.gain_tolerance), settings.most_contradicted)
     size = float(np.mean(np.var(motion.force / unit, axis=0)))
     fraction = float(np.sqrt(np.mean(squares + moved) / size))
     if fraction > settings.most_contradicted:
@@ -516,7 +518,7 @@ def _find_contradictions(
             f"parameters by {part.moved_std:.2g} standard deviations; its force may be wrong by {100 * fraction:.0f} "
             "%: the log is of another strut or loading, or a sensor has a fault; check it with `opid inspect`"
         )
-    return np.sqrt(squares + moved), float(np.hypot(fraction, by_gain))
+    return np.sqrt(squares + moved), fraction, by_gain
 
 
 # noise of a drive that was not measured: far more than any wheel moves
