@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from opid.estimate import Estimate, format_number, format_percent, with_std
 from opid.plots.style import format_law, format_units
-from opid.plots.texts import shorten
+from opid.plots.texts import LONGEST_LINE, shorten
 from opid.report.document import Sketch
 from opid.suspensions.result import GearParameters, GearRatios, Identification, InterfaceEstimate, units_of_suspensions
 
@@ -173,7 +173,7 @@ def sketch_joints(result: Updating) -> Sketch | None:
         x = round(20 + 270 * (number + 0.5) / len(names))
         half = min(60, round(120 / len(names)))
         picture += [_draw_spring(x, 80, 170), _draw_text(x + 18, 130, "f(z)", size=13)]
-        picture += [_draw_mass(x - half, 170, 2 * half, 32, shorten(name, max(4, half // 4)))]
+        picture += [_draw_mass(x - half, 170, 2 * half, 32, name, most=max(4, half // 4))]
     return _write_sketch(picture, (*words, _CHANGE))
 
 
@@ -310,9 +310,9 @@ def _draw_column(head: str, spring: str, damper: str) -> Iterator[str]:
     yield '<path d="M40 198H270" stroke-width="5"/>'
 
 
-def _draw_mass(x: int, y: int, width: int, height: int, words: str) -> str:
+def _draw_mass(x: int, y: int, width: int, height: int, words: str, *, most: int = LONGEST_LINE) -> str:
     box = f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="3"/>'
-    return box + _draw_text(x + width // 2, y + height // 2 + 6, words, "middle", weight="bold")
+    return box + _draw_text(x + width // 2, y + height // 2 + 6, words, "middle", weight="bold", most=most)
 
 
 def _draw_spring(x: int, top: int, bottom: int, *, turn: int = 12) -> str:
@@ -330,6 +330,18 @@ def _draw_sensor(x: int, y: int, words: str) -> str:
     return square + _draw_text(x + 12, y - 3, words, size=12)
 
 
-def _draw_text(x: int, y: int, words: str, anchor: str = "start", *, size: int = 15, weight: str = "normal") -> str:
+def _draw_text(
+    x: int,
+    y: int,
+    words: str,
+    anchor: str = "start",
+    *,
+    size: int = 15,
+    weight: str = "normal",
+    most: int = LONGEST_LINE,
+) -> str:
+    """Words of so many letters at most; a pointer that rests on them shows those that are longer."""
     look = f'text-anchor="{anchor}" font-size="{size}" font-weight="{weight}"'
-    return f'<text x="{x}" y="{y}" {look} fill="currentColor" stroke="none">{escape(shorten(words))}</text>'
+    shown = shorten(words, most)
+    whole = "" if shown == words else f"<title>{escape(words)}</title>"
+    return f'<text x="{x}" y="{y}" {look} fill="currentColor" stroke="none">{whole}{escape(shown)}</text>'
