@@ -3,7 +3,7 @@
 Run `python benchmarks/hostile_names.py --jobs 2`, which takes hours, or `--commands identify law --names script
 mathematics`; `--chromium` opens the pages, too, and tells whether a script ran or a request was made.
 
-Each command runs in this process on small inputs whose names (titles, runs, channels, interfaces, sensors, joints,
+Each command runs on small inputs whose names (titles, runs, channels, interfaces, sensors, joints,
 classes, tests, curves, flights, columns, files, folders) are all replaced by one hostile name, with a number behind it
 so that they differ; where that is refused, each field alone is replaced, too. A field is refused in one sentence, or
 correct: the page shows the name to the letter wherever it showed the harmless one, has no element and no handler more

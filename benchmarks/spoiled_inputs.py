@@ -199,7 +199,8 @@ def spoil_option(line, words, rng):
     values = [rng.choice(NUMBERS if is_number or rng.random() < 0.3 else TEXTS) for _ in range(option.nargs)]
     own_words = [each for each in flag.strip("-").split("-") if len(each) > 3]
     # the beginning is enough: a long word loses its middle, counted with what the sentence writes behind it
-    names = (flag, words[1], *filter(None, (group.as_line(each)[:150] for each in values)), *own_words)
+    # an empty name is that of the folder in which one is
+    names = (flag, words[1], *((group.as_line(each)[:150] or " . ") for each in values), *own_words)
     return Case((*words, flag, *values), f"{flag} {values!r}"[:200], names)
 
 

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Hashable, Iterable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import TypeVar
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -17,9 +17,9 @@ Key = TypeVar("Key", bound=Hashable)
 class InputError(ValueError):
     """The input is not usable: the message says what was given, what was needed and what to do."""
 
-    def reword(self, message: str) -> Self:
-        """Return an error of the same class with another message."""
-        return type(self)(message)
+    def reword(self, message: str) -> "InputError":
+        """Return an error with another message, which names its file if this one does."""
+        return FileError(message) if isinstance(self, FileError) else InputError(message)
 
 
 class FileError(InputError):

@@ -15,13 +15,13 @@ MODES = LinearModes(
 )
 
 
-def ring(seed, fs=512.0, duration_s=30.0, modes=MODES):
-    """Return the record of a hit at the tip, from the responses of the modes."""
+def ring(seed, fs=512.0, duration_s=30.0, modes=MODES, height=None):
+    """Return the record of a hit at the tip, from the responses of the modes; the height is a random one if None."""
     rng, n = np.random.default_rng(seed), round(fs * duration_s)
     time_s = np.arange(n) / fs
     force = (
         100
-        * rng.uniform(0.5, 1)
+        * (rng.uniform(0.5, 1) if height is None else height)
         * np.where((time_s > 0.05) & (time_s < 0.06), np.sin(np.pi * (time_s - 0.05) / 0.01), 0)
     )
     lines_hz = np.fft.rfftfreq(n, 1 / fs)

@@ -155,6 +155,7 @@ def test_a_test_without_time_is_told_how_to_do_without(slow_test):
     refused(opid("law", slow_test, *NAMED), "there is no time column", "--quasi-static")
     said = refused(opid("law", slow_test, *NAMED, "--quasi-static", "--moving-mass", "--velocity-channel", "load"))
     assert "quasi_static beside velocity and moving_mass: a test without a time scale has none" in said
+    assert said.count("bench.toml") <= 1
 
 
 def test_noise_ends_with_status_1_and_what_there_is(tmp_path):

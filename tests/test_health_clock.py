@@ -9,6 +9,7 @@ from hypothesis import given, settings, strategies as st
 from made_logs import log_of, messages, noise
 from measured_data import DATA, needs_data
 
+from opid.errors import FileError
 from opid.signals.clock import reconstructed_clock, uniform_clock
 from opid.signals.health.inspection import inspect
 from opid.signals.log import ChannelSettings, Log, LoggedChannel, LogSettings, Track, rows_of_array
@@ -224,3 +225,9 @@ def test_a_measured_log_with_crowding_stamps_and_a_false_offset(name, fs):
     offsets = {f.channel for f in health.findings if "more than gravity makes" in f.message}
     assert offsets == ({"c_ax", "c_ay", "c_az"} if name == "20211029T125712" else set())
     assert not messages(inspect(log, LogSettings(clock="reconstructed"), channels=channels), "fault")
+
+
+@pytest.mark.parametrize("factor", [1e-300, 1e-12, 1e9])
+def test_steps_that_no_recorder_makes_are_refused(factor):
+    with pytest.raises(FileError, match=r"goes on by .* a sample, and that of a recorder by .*check its unit"):
+        health_of(factor * np.arange(2000) / FS)

@@ -155,6 +155,14 @@ def test_a_mass_change_that_did_not_happen_gives_no_mass():
     assert result.ratios.stiffness_per_mass.value is not None
 
 
+def test_runs_that_are_all_loaded_and_not_explained_are_answered(study):
+    """No run has the reference loading, from which another search could begin."""
+    runs = [Run(run.name, run.recording, change) for run, change in zip(study.runs, (1000.0, -220.0), strict=True)]
+    result = identify(gear_study(*runs), law="linear")
+    mass = result.parameters.sprung_mass_kg
+    assert mass.value is None or mass.holds(TRUTH.sprung_mass_kg - 1000.0)
+
+
 def test_the_driven_model_with_a_wrong_law_says_so_and_its_intervals_hold_the_truth(study):
     result = identify(study, law="linear")
     assert result.residual_over_noise > 10

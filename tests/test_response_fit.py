@@ -285,7 +285,7 @@ def test_records_that_differ_give_no_interval_where_they_do():
 
 
 def test_two_modes_closer_than_their_widths_are_two():
-    """They are 0.16 % apart, a sixth of the width of the wider one; a search of poles takes them for one."""
+    """They are 0.16 % apart, an eighth of the width of the wider one; a search of poles takes them for one."""
     close = replace(MODES, frequency_hz=np.array([0.0, 62.9, 63.0, 91.0]))
     found = fit_modes([measured_response([hit(ring(seed, modes=close)) for seed in range(3)])], band_hz=BAND_HZ)
     assert [each.value for each in found.frequency_hz] == pytest.approx([62.9, 63.0, 91.0], rel=1e-5)

@@ -1,8 +1,12 @@
 """Spellings of units and what they are worth."""
 
+import warnings
+
+import numpy as np
 import pytest
 
 from opid.errors import InputError
+from opid.signals.log import ChannelSettings
 from opid.signals.units import _SPELLINGS, _TABLE, STANDARD_GRAVITY, _simplify, si_unit, to_si
 
 G = 9.80665
@@ -121,3 +125,13 @@ def test_an_unknown_unit_names_the_nearest(unit, words):
 
 def test_the_constant():
     assert STANDARD_GRAVITY == G
+
+
+def test_a_value_that_is_none_is_converted_without_a_warning():
+    """A damaged file may hold the kind of NaN that warns when it is used."""
+    signalling = np.array([0x7FF4000000000000], dtype=np.uint64).view(np.float64)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        values, unit = ChannelSettings("a").to_si(signalling, "g")
+    assert np.isnan(values).all()
+    assert unit == "m/s^2"

@@ -220,6 +220,14 @@ def test_a_run_without_speed_is_refused(identified):
         identify_wheel(identified.result.study, identified.result)
 
 
+def test_the_result_of_other_runs_is_refused(braking, identified):
+    renamed = replace(braking, runs=tuple(replace(run, name=f"{run.name} again") for run in braking.runs))
+    with pytest.raises(
+        InputError, match=r"the result is of runs .*, and the study has run .* again': give the result of"
+    ):
+        identify_wheel(renamed, identified.result)
+
+
 def test_runs_too_slow_are_refused(identified):
     slow = at_speed(identified.result.study, (0.3, 0.3))
     with pytest.raises(InputError, match=r"only 0 lines .* check the speed"):

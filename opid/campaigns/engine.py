@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from opid.campaigns.campaign_file import CampaignPlan, PlannedFlight
 from opid.campaigns.flight_task import Done, FlightTask, TaskSettings, run_task
-from opid.errors import InputError, require
+from opid.errors import FileError, InputError, require
 from opid.json_values import read_json
 from opid.progress import Say, Step
 from opid.signals.files import make_directory, reserve_directory
@@ -70,7 +70,7 @@ def refuse_another(title: str, directory: Path) -> None:
     with suppress(OSError, ValueError, KeyError, TypeError):
         other = read_json(directory / INDEX_FILE)["title"]
     if other != title:
-        raise InputError(
+        raise FileError(
             f"{directory} holds the campaign {other!r}, and this one is {title!r}: choose another folder, or overwrite "
             "with --force"
         )

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from opid.errors import InputError
 from opid.mechanics.laws.law import Law
 
 
@@ -115,6 +116,14 @@ class ModeTruth:
     amplitude: tuple[float, ...] = ()
     frequency_hz: tuple[float, ...] = ()
     damping_ratio: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        n, *others = len(self.amplitude), len(self.frequency_hz), len(self.damping_ratio)
+        if others != [n, n]:
+            raise InputError(
+                f"it has {n} amplitudes, {others[0]} frequencies and {others[1]} damping ratios: give one of each for "
+                "every amplitude"
+            )
 
 
 @dataclass(frozen=True)

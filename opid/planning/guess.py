@@ -22,7 +22,7 @@ from opid.errors import InputError, NotDeterminedError, refuse
 from opid.mechanics.laws.law import LINEAR, Law, law_from_parameters
 from opid.progress import Say
 from opid.provenance import read_file
-from opid.studies.schema import NO_KEY, derive_record, load, prefix_errors, read_tables, recast
+from opid.studies.schema import NO_KEY, derive_record, load, name_source, read_tables, recast
 from opid.suspensions.identification import identify
 from opid.suspensions.model.law_parameters import to_free
 from opid.suspensions.planning.result import Costs, PlannedRun, PlanResult
@@ -217,7 +217,7 @@ def read_guess(path: str | os.PathLike[str]) -> Guess:
     source = Path(path)
     tables, faults = read_tables(derive_record(Guess, "source"), load(source))
     refuse(faults, source)
-    with prefix_errors(f"{source}: "):
+    with name_source(source):
         return recast(Guess, tables, source=source)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -189,12 +190,20 @@ def _tabulate_shapes(result: FittedModes) -> Iterator[Table]:
         yield Table(
             (Column("sensor", align="left"), *(Column(f"mode {k + 1}") for k in some)),
             tuple(
-                (name, *(rounded(float(result.shapes[row, k]), float(result.shape_std[row, k])) for k in some))
+                (name, *(_write_shape(float(result.shapes[row, k]), float(result.shape_std[row, k])) for k in some))
                 for row, name in enumerate(result.sensors)
             ),
             title=title if first == 0 else "",
-            legend="" if some.stop < n else "They are rounded by their standard deviations.",
+            legend=""
+            if some.stop < n
+            else "They are rounded by their standard deviations; where the records differ "
+            "they have none, and are given with two digits.",
         )
+
+
+def _write_shape(value: float, std: float) -> str:
+    """Write a value of a shape with the digits that count."""
+    return rounded(value, std) if math.isfinite(std) or not math.isfinite(value) else f"≈ {format_number(value, 2)}"
 
 
 def _tabulate_sensors(result: FittedModes) -> Table:

@@ -340,8 +340,9 @@ def _draw_text(
     weight: str = "normal",
     most: int = LONGEST_LINE,
 ) -> str:
-    """Words of so many letters at most; a pointer that rests on them shows those that are longer."""
+    """Write words, and if they are longer than `most` letters the whole of them for a pointer that rests on them."""
     look = f'text-anchor="{anchor}" font-size="{size}" font-weight="{weight}"'
     shown = shorten(words, most)
-    whole = "" if shown == words else f"<title>{escape(words)}</title>"
+    every = shorten(words, max(len(words), 1))
+    whole = "" if shown == every else f"<title>{escape(every)}</title>"
     return f'<text x="{x}" y="{y}" {look} fill="currentColor" stroke="none">{whole}{escape(shown)}</text>'

@@ -235,7 +235,15 @@ def require_clock(time_s: FloatArray, *, may_repeat: bool) -> None:
         )
     if not (steps > 0).any():
         raise ClockError(f"all stamps are {time_s[0]:.9g} s: state the rate (fs_hz in [log])", 0)
-    usual_s = float(time_s[-1] - time_s[0]) / steps.size
+    require_step(float(time_s[-1] - time_s[0]) / steps.size)
+
+
+def require_step(usual_s: float) -> None:
+    """Refuse a step of time that no recorder makes.
+
+    Raises:
+        ClockError: it is shorter or longer than that of any.
+    """
     if not 1 / LARGEST_RATE_HZ <= usual_s <= 1 / LEAST_RATE_HZ:
         raise ClockError(
             f"the time goes on by {usual_s:.3g} s a sample, and that of a recorder by {1 / LARGEST_RATE_HZ:g} to "

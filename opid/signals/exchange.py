@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from opid.errors import FileError, InputError, require
+from opid.errors import InputError, require
 from opid.signals.clock import ClockError, resolution_of, uniform_clock
 from opid.signals.recording import Channel, FloatArray, Recording, require_distinct_names
 from opid.signals.resampling import on_common_clock
@@ -328,7 +328,7 @@ def _make_recording(
 ) -> Recording:
     """Return the recording of some columns; where `attributes` agree with the stamps, they state its clock exactly."""
     if not columns:
-        raise FileError(f"{source} holds no channels: give one or more")
+        raise InputError(f"{source} holds no channels: give one or more")
     converted, channels, words = [], [], []
     for name, (values, unit) in columns.items():
         if not unit:

@@ -389,9 +389,11 @@ class ChannelSettings:
                 "give `unit` in its table of [channels] in a study file, or in [log] for all (--unit without a study)"
             )
         factor, name = to_si(unit)
-        if (self.scale, self.offset, self.sign) == (1.0, 0.0, 1):
-            return samples * factor, name
-        return self.sign * (self.scale * samples + self.offset) * factor, name
+        # a damaged file may hold the kind of NaN that warns when it is multiplied
+        with np.errstate(invalid="ignore"):
+            if (self.scale, self.offset, self.sign) == (1.0, 0.0, 1):
+                return samples * factor, name
+            return self.sign * (self.scale * samples + self.offset) * factor, name
 
     def words(self, written_unit: str | None, unit_of_all: str | None = None) -> str | None:
         """Return a line of the history that says what is done to the values; None where nothing is.

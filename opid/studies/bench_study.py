@@ -13,7 +13,7 @@ from opid.progress import Say
 from opid.signals.log import AS_WRITTEN, LogSettings
 from opid.signals.logs import write_log
 from opid.studies.run_files import CHANNEL, ChannelTable, RunFiles, add_files, find_sources, read_run, tabulate_channel
-from opid.studies.schema import Document, derive_record, format_toml, prefix_errors, read_tables, recast
+from opid.studies.schema import Document, derive_record, format_toml, name_source, read_tables, recast
 from opid.studies.study_file import TEST_BENCH
 from opid.suspensions.bench.record import BenchStudy
 from opid.suspensions.study import Run
@@ -50,7 +50,7 @@ def build_study(document: Document, source: Path, say: Say) -> BenchStudy:
     """Read the log that a study file of a test bench names, and return the study."""
     study, faults = read_bench_tables(document)
     refuse(faults, source)
-    with prefix_errors(f"{source}: "):
+    with name_source(source):
         read = _read_log(study, source.parent, say, title=study.title or source.stem, source=source, log=None)
         return replace(read, recording=add_files(read.recording, source))
 

@@ -32,6 +32,7 @@ from opid.studies.schema import (
     find_misspelt,
     format_toml,
     load,
+    name_source,
     read_tables,
     recast,
     require_plain,
@@ -209,7 +210,9 @@ def read_decays(path: Path, logs: Sequence[Path], say: Say) -> Decays:
     if "gain_tolerance" in inside and "gain_tolerance" in beside:
         raise FileError(f"{path}: 'gain_tolerance' stands in [modes] and beside it: give it once")
     stated: dict[str, Any] = {"gain_tolerance": study.gain_tolerance} | beside | inside
-    modes, channels = read_modes(path.parent / study.modes.file), _read_channels(study)
+    with name_source(path):
+        modes = read_modes(path.parent / study.modes.file)
+    channels = _read_channels(study)
     tests = []
     for log in logs:
         say(log.name)

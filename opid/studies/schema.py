@@ -272,6 +272,19 @@ def prefix_errors(words: str) -> Iterator[None]:
 
 
 @contextmanager
+def name_source(source: Path | str) -> Iterator[None]:
+    """Put the name of a file before the message of an error that is raised in the block.
+
+    Args:
+        source: the file.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise FileError(f"{source}: {error}") from None
+
+
+@contextmanager
 def collect_faults(faults: list[str], words: str = "") -> Iterator[None]:
     """Add an error that is raised in the block to the faults, with some words before it; the work then goes on."""
     try:

@@ -37,7 +37,7 @@ from opid.studies.schema import (
     find_misspelt,
     format_toml,
     load,
-    prefix_errors,
+    name_source,
     read_tables,
     recast,
     require_plain,
@@ -300,7 +300,7 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
         InputError: the study or a file that it names is at fault: all faults at once.
     """
     study = _read_body(document, source)
-    with prefix_errors(f"{source}: "):
+    with name_source(source):
         interfaces, further = _attach_facts(study)
         all_files = [_find_run_files(study, run, source.parent) for run in study.runs]
     runs: list[Run] = []
@@ -319,7 +319,7 @@ def build_study(document: Document, source: Path, say: Say) -> Study:
             stated = {name: getattr(each, name) for name in FACTS_OF_RUN}
             runs.append(replace(run, loading=loading, recording=add_files(run.recording, *beside), **stated))
     refuse(faults, source)
-    with prefix_errors(f"{source}: "):
+    with name_source(source):
         levelled, mountings = level_runs(
             bring_to_one_rate(_warn_of_one_log(runs, all_files)),
             [files.sensors for files in all_files],
@@ -387,7 +387,7 @@ def _read_number(text: str) -> float | None:
 def _read_body(document: Document, source: Path) -> _Body:
     study, faults = read_suspension_tables(document)
     refuse(faults, source)
-    with prefix_errors(f"{source}: "):
+    with name_source(source):
         return study.to_body() if isinstance(study, _Gear) else study
 
 
@@ -640,7 +640,7 @@ def find_log_readings(path: str | os.PathLike[str], log: str | os.PathLike[str])
     if (kind := kind_of(document, source)) is not SUSPENSIONS:
         raise FileError(f"{source} is a study of {kind.subject}: give one of suspensions, or none")
     study = _read_body(document, source)
-    with prefix_errors(f"{source}: "):
+    with name_source(source):
         all_files = [_find_run_files(study, run, source.parent) for run in study.runs]
     users = [(files.name, taken) for files in all_files if (taken := _find_taken(files, _resolve_path(log)))]
     if not users:
@@ -703,7 +703,7 @@ def read_further_run(
     index = 0 if like is None else names.index(like)
     path = Path(log)
     tables = _read_body(load(study.source), study.source)
-    with prefix_errors(f"{study.source}: "):
+    with name_source(study.source):
         files = _find_run_files(tables, replace(tables.runs[index], log=str(path.absolute())), study.source.parent)
     if any(source.channel.file is not None for source in files.sources.values()):
         raise FileError(
@@ -715,7 +715,7 @@ def read_further_run(
             f"{study.source} has sensors of three axes, whose vertical is that of all its runs: add the log to it as a "
             "run, and name the run"
         )
-    with prefix_errors(f"{path}: "):
+    with name_source(path):
         run = read_run(replace(files, name=path.stem, start_s=None, stop_s=None), fs_hz=tables.fs_hz, progress=progress)
     loading: tuple[PointMass, ...] | float = () if like is None else study.runs[index].masses
     return replace(

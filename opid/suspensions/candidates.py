@@ -733,8 +733,8 @@ def _search_model(task: Task, model: Model, start: Start, begin: Callable[..., t
     reference = [run for run in model.runs if not run.loading.any()]
     is_unclear = found is None or (not is_noise(found.fit) and not found.is_unlike)
     # Masses or springs inside a structure that are known in kg or N/m give the scale with any run.
-    needs_loading = model.mass_free and not is_mass_free(reference, model.body)
-    if is_unclear and reference and needs_loading and model.body.fall is not None:
+    needs_loading = bool(reference) and model.mass_free and not is_mass_free(reference, model.body)
+    if is_unclear and needs_loading and model.body.fall is not None:
         found = _search_from_reference(task, found, model, lambda: begin(reference, mass_free=False))
     if found is None:
         assert failed is not None  # no fit without an error

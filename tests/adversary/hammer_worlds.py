@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 from judged_worlds import Answer, World
 from made_hits import MODES, SENSORS, hit, ring
 from modal_worlds import Change, clip, delay, exchange, scale
+from scipy.linalg import expm
 
 from opid.estimate import Estimate
 from opid.modal.linear.fitted_modes import RESPONSE_FIT, FittedModes
 from opid.modal.linear.frequency_response import measured_response
 from opid.modal.linear.modes import LinearModes
 from opid.modal.linear.response_fit import fit_modes
-from opid.signals.recording import FloatArray
+from opid.signals.recording import FloatArray, Recording
 
 BAND_HZ = (25.0, 115.0)
 FORCE = len(SENSORS)
@@ -27,6 +29,7 @@ def hammer_world(
     change: Change = lambda samples, rng: samples,
     *,
     structures: Callable[[int], LinearModes] = lambda number: MODES,
+    record: Callable[[int], Recording] | None = None,
     n_hits: int = 5,
     named: str = "tip",
     must_say: str = "",
@@ -34,14 +37,18 @@ def hammer_world(
 ) -> World:
     """Return the world of a structure with three elastic modes that is hit at its tip.
 
-    Its records are changed; `structures` are those of the hits, by their number, and `named` is the sensor that is said
-    to be where the force acts. The shapes are compared up to their
-    sign, with the tolerance of calibrations that their standard deviations leave out.
+    Its records are changed; `structures` are those of the hits, by their number, or `record` makes that of a seed.
+    `named` is the sensor that is said to be where the force acts. The shapes are compared up to their sign, with the
+    tolerance of calibrations that their standard deviations leave out.
     """
 
     def ask(seed: int) -> Answer:
         rng = np.random.default_rng([seed, 12])
-        rings = [ring(100 * seed + number, modes=structures(number)) for number in range(n_hits)]
+        seeds = range(100 * seed, 100 * seed + n_hits)
+        rings = [
+            ring(each, modes=structures(number)) if record is None else record(each)
+            for number, each in enumerate(seeds)
+        ]
         records = [hit(replace(each, samples=change(each.samples.copy(), rng)), named) for each in rings]
         found = fit_modes([measured_response(records)], band_hz=BAND_HZ)
         return Answer(compare(found, structures(0)), found.warnings)
@@ -77,8 +84,43 @@ def shift(number: int) -> LinearModes:
 
 
 def bring_together(number: int) -> LinearModes:
-    """Return the structure with two modes that are half a half-power width apart."""
+    """Return the structure with two modes that are an eighth of the half-power width of the wider one apart."""
     return replace(MODES, frequency_hz=np.array([0.0, 62.9, 63.0, 91.0]))
+
+
+@cache
+def ring_nonlinear(seed: int, stiffening: float, height: float | None = None) -> Recording:
+    """Return the record of a hit where the mode at 63 Hz has a cubic spring.
+
+    Args:
+        seed: of height and noise.
+        stiffening: fraction by which a motion of 0.5 mm kg^1/2, about that of the highest hits, raises its frequency.
+        height: of the hit.
+    """
+    linear, mode, lasts_s = ring(seed, height=height), 2, 6.0
+    time_s = np.arange(linear.n_samples) / linear.fs
+    force, push = linear.channel("hammer"), MODES.shapes[0, mode]
+    omega, ratio = 2 * np.pi * MODES.frequency_hz[mode], MODES.damping_ratio[mode]
+
+    def move(cubic: float) -> FloatArray:
+        """Return the modal acceleration; between pulls of the cubic spring the linear mode moves exactly."""
+        finer, dt = 8, 1 / (8 * linear.fs)
+        root = np.array([[0.0, 1.0, 0.0], [-(omega**2), -2 * ratio * omega, push], [0.0, 0.0, 0.0]])
+        (a, b, e), (c, d, f) = expm(root * dt)[:2].tolist()
+        at = np.arange(round(lasts_s * linear.fs * finer)) * dt
+        forces, q, speed, path = np.interp(at + dt / 2, time_s, force).tolist(), 0.0, 0.0, []
+        for pull in forces:
+            path.append((q, speed))
+            speed -= dt / 2 * cubic * q**3
+            q, speed = a * q + b * speed + e * pull, c * q + d * speed + f * pull
+            speed -= dt / 2 * cubic * q**3
+        moved, rate = np.array(path[::finer]).T
+        return np.asarray(push * force[: moved.size] - 2 * ratio * omega * rate - omega**2 * moved - cubic * moved**3)
+
+    changed = move(8 / 3 * stiffening * (omega / 5e-4) ** 2) - move(0.0)
+    samples = linear.samples.copy()
+    samples[: changed.size, :FORCE] += np.outer(changed, MODES.shapes[:, mode])
+    return replace(linear, samples=samples)
 
 
 def window(samples: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -129,6 +171,15 @@ HAMMER_WORLDS = [
     hammer_world("one mode 0.3 % lower from the third hit on", structures=shift, must_say="the records differ"),
     hammer_world("two modes closer than their widths", structures=bring_together),
     hammer_world("one hit", n_hits=1),
+    *(
+        hammer_world(f"a mode that {how}, {hits}", record=partial(ring_nonlinear, **given), n_hits=n_hits)
+        for how, stiffening in (("stiffens", 0.01), ("softens little", -0.001))
+        for hits, given, n_hits in (
+            ("hits of one height", {"stiffening": stiffening, "height": 0.8}, 5),
+            ("hits of other heights", {"stiffening": stiffening}, 5),
+            ("one hit", {"stiffening": stiffening}, 1),
+        )
+    ),
     hammer_world("records end early", cut, must_say="ends with"),
     hammer_world("hum of the mains", hum),
     hammer_world("hammer bounces", hit_twice),

@@ -23,6 +23,7 @@ from opid.virtual.taxi_tests.airframe import LandingGear
 from opid.virtual.taxi_tests.taxiing import TaxiRun, taxi_run, taxi_test
 
 GEAR = LandingGear()
+DAMPING = GEAR.suspension_damping_n_s_per_m
 Edit = Callable[[FloatArray, FloatArray, np.random.Generator], tuple[FloatArray, FloatArray]]
 
 
@@ -78,6 +79,11 @@ def scaled(below: float, above: float) -> Edit:
     return lambda lower, upper, rng: (below * lower, above * upper)
 
 
+def stiffened(factor: float) -> LandingGear:
+    """Return the gear with a stiffer spring."""
+    return replace(GEAR, suspension_stiffness_n_per_m=factor * GEAR.suspension_stiffness_n_per_m)
+
+
 def late(below: FloatArray, above: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return a record whose sensor above is late by one sample."""
     return below, np.concatenate([above[:1], above[:-1]])
@@ -85,10 +91,13 @@ def late(below: FloatArray, above: FloatArray, rng: np.random.Generator) -> tupl
 
 SENSING_WORLDS = [
     sensing_world("none"),
-    sensing_world("spring 10 % stiffer", gear=replace(GEAR, suspension_stiffness_n_per_m=1.1 * 3.9e5)),
-    sensing_world("spring 30 % stiffer", gear=replace(GEAR, suspension_stiffness_n_per_m=1.3 * 3.9e5)),
-    sensing_world("mass 10 % larger than stated", gear=replace(GEAR, sprung_mass_kg=1.1 * 1850.0)),
-    sensing_world("no damper", gear=replace(GEAR, suspension_damping_n_s_per_m=600.0)),
+    sensing_world("spring 10 % stiffer", gear=stiffened(1.1)),
+    sensing_world("spring 30 % stiffer", gear=stiffened(1.3)),
+    sensing_world("mass 10 % larger than stated", gear=replace(GEAR, sprung_mass_kg=1.1 * GEAR.sprung_mass_kg)),
+    sensing_world(
+        "a tenth of the damping",
+        gear=replace(GEAR, suspension_damping_n_s_per_m=0.1 * DAMPING),
+    ),
     sensing_world("an unmeasured force on the body", pushed=0.05),
     sensing_world("gain of the sensor above 5 % off", scaled(1.0, 1.05)),
     sensing_world("gain of the sensor below 5 % off", scaled(1.05, 1.0)),

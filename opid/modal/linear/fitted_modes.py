@@ -29,9 +29,18 @@ class ResponseFitSettings:
         highest_order: highest order of the poles; two thirds of them are mathematical.
         same_frequency: a pole is that of the order before if its frequency differs by less, relative ...
         same_damping: ... and its damping ratio by less, relative.
-        close: half of the distance of two poles that are tried in the place of one, in damping ratios.
-        about: half of the width in which they are fitted, in damping ratios.
-        still_left: they are two modes if they leave less than this fraction of what one leaves beyond noise about it.
+        split_distance: two poles that are tried in the place of one begin as far to either side of it, in damping
+            ratios: from within its width the search finds either order.
+        split_width: they are fitted to the lines that are as near to it, in damping ratios: its flanks tell its
+            damping, and farther away other modes count more.
+        split_left: they are two modes if they leave less than this fraction of what one leaves beyond noise about it:
+            two modes leave a thousandth ...
+        split_alike: ... and if the MAC of their shapes is below this: it is that of one mode whose joint is nonlinear,
+            which two poles explain as well, that is 1.
+        doubled: modes with such a MAC that are nearer than this, in damping ratios, are one that two poles explain.
+        hidden_shift: a frequency that moves as the mode decays is off by so many times what the fit leaves of it, over
+            the width: the pole follows the mean of the shift. It was 2.7 to 3.1 for springs that stiffen and soften.
+        fewest_lines: lines in that width from which on they are tried: two poles have 4 unknowns.
         same_mode: two poles are of one mode if they are closer than this multiple of its damping ratio, relative.
         fewest_orders: a mode stands in so many orders; of a noisy response a mathematical pole stays for three or four.
         most_damping: poles with a larger damping ratio describe no mode of a structure.
@@ -63,9 +72,13 @@ class ResponseFitSettings:
     highest_order: int = 60
     same_frequency: float = 0.002
     same_damping: float = 0.1
-    close: float = 0.5
-    about: float = 8.0
-    still_left: float = 0.1
+    split_distance: float = 0.5
+    split_width: float = 8.0
+    split_left: float = 0.1
+    split_alike: float = 0.8
+    doubled: float = 4.0
+    hidden_shift: float = 3.0
+    fewest_lines: int = 16
     same_mode: float = 0.5
     fewest_orders: int = 8
     most_damping: float = 0.2
@@ -156,17 +169,6 @@ class FittedResidues:
         return [self.sensors.index(each.drive_point) for each in self.responses]
 
     @property
-    def pole_errors(self) -> FloatArray:
-        """(n_modes, 2) relative errors of the poles by what the modes leave about each mode beyond noise.
-
-        A response that is off by a fraction turns its phase by as much, as a frequency does that is off by this
-        fraction of its damping ratio, and has a width that is off by it.
-        """
-        size = np.sqrt(np.sum(self.residues**2, axis=(0, 1)))
-        off = np.sqrt(np.sum(self.residue_errors**2, axis=(0, 1))) / np.maximum(size, 1e-300)
-        return np.stack([off * self.poles[:, 1], off], axis=1)
-
-    @property
     def widened_std(self) -> FloatArray:
         """Standard deviations of the residues that hold what the modes leave of a sensor beyond its noise.
 
@@ -186,10 +188,11 @@ class FittedModes(Result):
         modal_mass_kg: its modal mass where its shape is 1 at the drive point; that at which it moves most clearly.
             Empty without a scale.
         shapes: (n_sensors, n_modes) mass-normalised shapes, kg^-1/2; that of a strain gauge is 1/m kg^-1/2. Without a
-            scale they are 1 at the largest of their sensors; nan of a sensor that the modes do not explain.
+            scale they are 1 at the largest of their sensors; nan of a sensor that is clipped, or that the modes do not
+            explain.
         shape_std: their standard deviations, without that of the calibrations; nan where records differ.
-        has_scale: whether the shapes are mass-normalised: the responses do not contradict the drive points, and no
-            force is clipped.
+        has_scale: whether the shapes are mass-normalised: the responses do not contradict the drive points, whose
+            sensors have shapes, and no force is clipped.
         sensors: names of the sensors.
         units: unit of the second derivative of each sensor's reading, m/s^2, or strain/s^2 of a strain gauge.
         band_hz: the band of the fit.
@@ -239,8 +242,8 @@ class FittedModes(Result):
         """
         if not self.has_scale:
             raise NotDeterminedError(
-                "the shapes are not mass-normalised, which a study needs, because it is not known where the force "
-                "acted: name the sensor at the drive point, and see the warnings of these modes"
+                "the shapes are not mass-normalised, which a study needs: the warnings of these modes say why, and "
+                "what to do"
             )
         return self._make_modes([bool(np.isfinite(row).all()) for row in self.shapes])
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from scipy import optimize
 
 from opid.errors import InputError, list_names
 from opid.estimate import Estimate, format_percent
+from opid.mechanics.structure import modal_assurance
 from opid.modal.linear.fitted_modes import FittedModes, FittedResidues, ResponseFitSettings
 from opid.modal.settings import MODAL
 from opid.signals.recording import FloatArray
@@ -32,14 +34,20 @@ def shape_modes(found: FittedResidues, settings: ResponseFitSettings) -> FittedM
     contradicted = _find_contradicted(found, signs)
     withheld: NDArray[np.bool_] = np.array([each.excess > settings.most_left for each in found.misfits])
     withheld |= np.isin(found.sensors, _list_clipped(found))
+    counted = np.ones_like(withheld) if withheld.all() else ~withheld
     lost_drives = [drive for drive in dict.fromkeys(found.drives) if withheld[drive]]
     has_scale = not (contradicted or lost_drives or any(each.has_clipped_force for each in found.responses))
-    kept, shaped = _shape_to_scale(found, settings) if has_scale else _shape_without_scale(found, withheld)
-    unlike = _find_unlike(found, kept, shaped.shapes, settings)
+    kept, shaped = _shape_to_scale(found, settings) if has_scale else _shape_without_scale(found, counted)
+    coherence = _find_coherence(found, kept, shaped.shapes, counted, settings)
+    unlike = coherence < settings.least_coherence
+    doubled = _find_doubled(found, kept, counted, settings)
     apart = shaped.misfits > MODAL.most_misfit
-    frequencies, ratios = _give_poles(found, kept, settings)
+    frequencies, ratios = _give_poles(found, kept, counted, coherence, settings)
     frequencies, ratios, masses = (
-        tuple(each.without_interval() if low else each for each, low in zip(several, unlike.tolist(), strict=True))
+        tuple(
+            each.without_interval() if low else each
+            for each, low in zip(several, (unlike | doubled).tolist(), strict=True)
+        )
         for several in (frequencies, ratios, shaped.masses)
     )
     masses = tuple(each.without_interval() if off else each for each, off in zip(masses, apart.tolist(), strict=True))
@@ -48,10 +56,11 @@ def shape_modes(found: FittedResidues, settings: ResponseFitSettings) -> FittedM
         *_warn_of_sensors(found, withheld, settings),
         *_warn_of_drive_points(found, contradicted, candidates, lost_drives),
         *_warn_of_modes(found, kept, unlike, apart, settings),
+        *_warn_of_doubled(found, kept, doubled),
     )
     for each in (shaped.shapes, shaped.std):
         each[withheld] = np.nan
-    shaped.std[:, unlike] = np.nan
+    shaped.std[:, unlike | doubled] = np.nan
     return FittedModes(
         frequencies,
         ratios,
@@ -141,50 +150,78 @@ def _shape_to_scale(found: FittedResidues, settings: ResponseFitSettings) -> tup
     return kept, _Shapes(shapes, shape_std, tuple(masses), np.array(misfits))
 
 
-def _shape_without_scale(found: FittedResidues, withheld: NDArray[np.bool_]) -> tuple[NDArray[np.int64], _Shapes]:
-    """Return all modes with shapes that are 1 at their largest sensor, by the drive point that moves each most.
-
-    A sensor that is withheld is not that one, unless all are.
-    """
-    counts = np.ones_like(withheld) if withheld.all() else ~withheld
+def _shape_without_scale(found: FittedResidues, counted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], _Shapes]:
+    """Return all modes with shapes that are 1 at their largest sensor of those that count, by the best drive point."""
     kept = np.arange(len(found.poles))
     shapes, stds = np.empty((len(found.sensors), kept.size)), np.empty((len(found.sensors), kept.size))
     for mode in kept:
         residues, own = found.residues[..., mode], found.widened_std[..., mode]
         best = int(np.argmax(np.max(np.abs(residues) / own, axis=1)))
-        largest = residues[best, int(np.argmax(np.abs(residues[best]) * counts))]
+        largest = residues[best, int(np.argmax(np.abs(residues[best]) * counted))]
         shapes[:, mode], stds[:, mode] = residues[best] / largest, own[best] / abs(largest)
     return kept, _Shapes(shapes, stds, (Estimate(),) * kept.size, np.ones(kept.size))
 
 
 def _give_poles(
-    found: FittedResidues, kept: NDArray[np.int64], settings: ResponseFitSettings
+    found: FittedResidues,
+    kept: NDArray[np.int64],
+    counted: NDArray[np.bool_],
+    coherence: FloatArray,
+    settings: ResponseFitSettings,
 ) -> tuple[tuple[Estimate, ...], tuple[Estimate, ...]]:
-    """Return natural frequencies and damping ratios with their intervals."""
-    relative = np.hypot(found.pole_std, found.pole_errors)
-    relative[:, 0] = np.hypot(relative[:, 0], settings.complexity * found.poles[:, 1] ** 2)
+    """Return natural frequencies and damping ratios with their intervals.
+
+    What the modes leave about each beyond noise is in them, and by how much the records differ there: where it is a
+    fraction of the response, the width is off by this fraction, and the frequency by a multiple of it over the width,
+    as `hidden_shift` says.
+    """
+    size = np.stack([np.mean(np.abs(each.value[:, counted]) ** 2, axis=0) for each in found.responses])[..., np.newaxis]
+    left, whole = (np.sum(each[:, counted] ** 2 / size, axis=(0, 1)) for each in (found.residue_errors, found.residues))
+    fraction = np.sqrt((left / np.maximum(whole, 1e-300))[kept] + 1 / coherence - 1)
+    poles = found.poles[kept]
+    hidden = np.stack([settings.hidden_shift * fraction * poles[:, 1], fraction], axis=1)
+    relative = np.hypot(found.pole_std[kept], hidden)
+    relative[:, 0] = np.hypot(relative[:, 0], settings.complexity * poles[:, 1] ** 2)
     left_at_end = max(settings.left_at_end, *(each.left_at_end for each in found.responses))
     relative[:, 1] = np.hypot(relative[:, 1], left_at_end)
     frequencies, ratios = (
         tuple(Estimate.normal(value, value * std) for value, std in zip(own, of.tolist(), strict=True))
-        for own, of in zip(found.poles[kept].T.tolist(), relative[kept].T, strict=True)
+        for own, of in zip(poles.T.tolist(), relative.T, strict=True)
     )
     return frequencies, ratios
 
 
-def _find_unlike(
-    found: FittedResidues, kept: NDArray[np.int64], shapes: FloatArray, settings: ResponseFitSettings
-) -> NDArray[np.bool_]:
-    """Return at which modes the records differ by more than noise, at the sensor that the mode moves most."""
-    unlike = np.zeros(kept.size, dtype=bool)
+def _find_coherence(
+    found: FittedResidues,
+    kept: NDArray[np.int64],
+    shapes: FloatArray,
+    counted: NDArray[np.bool_],
+    settings: ResponseFitSettings,
+) -> FloatArray:
+    """Return the lowest coherence about each mode, at the sensor that counts and moves most; 1 of a single record."""
+    lowest = np.ones(kept.size)
     for response in found.responses:
         if response.coherence is None:
             continue
         for column, (own_hz, ratio) in enumerate(found.poles[kept].tolist()):
-            coherence = response.coherence[:, int(np.argmax(np.abs(shapes[:, column])))]
+            coherence = response.coherence[:, int(np.argmax(np.abs(shapes[:, column]) * counted))]
             near = _median_near(coherence, response.frequency_hz, own_hz, settings.near * ratio)
-            unlike[column] |= near < settings.least_coherence
-    return unlike
+            lowest[column] = min(lowest[column], max(near, np.finfo(float).eps))
+    return lowest
+
+
+def _find_doubled(
+    found: FittedResidues, kept: NDArray[np.int64], counted: NDArray[np.bool_], settings: ResponseFitSettings
+) -> NDArray[np.bool_]:
+    """Return which modes have a near neighbour of the same shape, as one mode has whose frequency moves in a record."""
+    doubled = np.zeros(kept.size, dtype=bool)
+    for one, other in combinations(range(kept.size), 2):
+        (first_hz, first_ratio), (hz, ratio) = found.poles[kept[[one, other]]]
+        shapes = np.stack([found.residues[:, counted, kept[k]].ravel() for k in (one, other)], axis=1)
+        is_near = abs(first_hz - hz) < settings.doubled * max(first_hz * first_ratio, hz * ratio)
+        if is_near and modal_assurance(shapes)[0, 1] > settings.split_alike:
+            doubled[[one, other]] = True
+    return doubled
 
 
 def _split_residues(
@@ -224,12 +261,13 @@ def _warn_of_sensors(
                 f"{1e6 * (delay.std or 0.0):.2g} us), which the fit corrects: look for a filter in its channel, or for "
                 "a recorder of its own"
             )
-    clipped = _list_clipped(found)
+    clipped, and_masses = _list_clipped(found), ", and with them modal masses and the scale of all shapes"
     for name, misfit, is_lost in zip(found.sensors, found.misfits, withheld, strict=True):
         if name in clipped:
             yield (
-                f"sensor {name!r} is clipped in a record, so that its shapes are withheld: leave that record out, or "
-                "measure with a larger range"
+                f"sensor {name!r} is clipped in a record, so that its shapes are withheld"
+                f"{and_masses if found.sensors.index(name) in found.drives else ''}: leave that record out, or measure "
+                "with a larger range"
             )
             continue
         left = (
@@ -265,7 +303,8 @@ def _warn_of_drive_points(
             f"the force at {name!r} is clipped in a record, {withheld}: leave that record out, or measure with a "
             "larger range"
         )
-    for sensor in lost:
+    clipped = _list_clipped(found)
+    for sensor in (each for each in lost if found.sensors[each] not in clipped):
         yield f"the modes do not explain sensor {found.sensors[sensor]!r} at the drive point, {withheld}"
 
 
@@ -303,6 +342,17 @@ def _warn_of_modes(
             f"the forces at a drive point have nearly one height (the factor is below {MODAL.least_level_ratio:g}), so "
             "that nothing shows whether the structure is linear, and all values are those of this level: add records "
             "of another height"
+        )
+
+
+def _warn_of_doubled(found: FittedResidues, kept: NDArray[np.int64], doubled: NDArray[np.bool_]) -> Iterator[str]:
+    """Yield that modes near each other have one shape."""
+    if doubled.any():
+        where = ", ".join(f"{own_hz:.4g}" for own_hz in found.poles[kept][doubled, 0])
+        yield (
+            f"the modes at {where} Hz lie near each other and have one shape at these sensors, so that no interval is "
+            "given there: a single mode whose frequency moves as it decays looks so, and softer hits help; two modes "
+            "need sensors at which they differ"
         )
 
 

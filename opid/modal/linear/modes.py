@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -325,7 +326,7 @@ class ModalTest:
         """(n, n_sensors) accelerations at `sensors`, m/s^2, and second derivatives of strains, strain/s^2."""
         return self.recording.samples[:, [self.recording.index(sensor) for sensor in self.sensors]]
 
-    @property
+    @cached_property
     def clipped(self) -> dict[str, float]:
         """The channels that are clipped, and which fraction of the samples of each."""
         return clipped_fractions(self.readings)
@@ -333,14 +334,12 @@ class ModalTest:
     @property
     def clipped_sensors(self) -> tuple[str, ...]:
         """Those of `sensors` that are clipped."""
-        clipped = self.clipped
-        return tuple(sensor for sensor in self.sensors if sensor in clipped)
+        return tuple(sensor for sensor in self.sensors if sensor in self.clipped)
 
     @property
     def has_clipped_force(self) -> bool:
         """Whether a force is clipped."""
-        clipped = self.clipped
-        return any(each.channel in clipped for each in self.forces)
+        return any(each.channel in self.clipped for each in self.forces)
 
     def modal_acceleration(self, mode: int) -> FloatArray:
         """(n,) q'' of a mode counted from 1, m/s^2 kg^1/2."""

@@ -6,7 +6,8 @@ sdypy-EMA gives the poles at many orders (LSCF, Verboven 2002). Those that stay 
 
 to all responses at once by maximum likelihood, with a delay of the accelerations behind the force, and of a sensor
 after the others where the responses ask for it; a and b are real and stand for the modes below and above the band. The
-residues are eliminated (variable projection, Golub & Pereyra 1973).
+residues are eliminated (variable projection, Golub & Pereyra 1973). Where a mode leaves more than noise, two modes of
+unlike shapes are tried in its place.
 Each line is weighted by its noise, which has a part that grows with the response, as the noise of the force does. The
 intervals are those of the sandwich over cells of neighbouring lines of all responses, because the noise of the force is
 the same for all sensors.
@@ -23,7 +24,7 @@ from scipy import optimize
 
 from opid.errors import InputError, NotDeterminedError, list_names, require
 from opid.estimate import Estimate
-from opid.mechanics.structure import ComplexArray
+from opid.mechanics.structure import ComplexArray, modal_assurance
 from opid.modal.linear.fitted_modes import (
     RESPONSE_FIT,
     FittedModes,
@@ -103,17 +104,15 @@ def _drop_weak(fit: _Fit, settings: ResponseFitSettings) -> _Fit:
 def _split_close_modes(fit: _Fit, settings: ResponseFitSettings) -> _Fit:
     """Return the fit with two poles in the place of one where two modes explain what one leaves beyond noise.
 
-    A clipped record is that of no linear structure, however many modes it has.
+    A clipped record is that of no linear structure, however many modes it has. Two poles also explain one mode whose
+    frequency moves with the level, but with one shape.
     """
     if any(each.has_clipped_force or each.clipped_sensors for each in fit.data.responses):
         return fit
-    beyond = fit.find_beyond_noise(settings).sum(axis=0)
-    pairs = {
-        mode: two for mode in np.flatnonzero(beyond) if (two := fit.find_two_poles(int(mode), settings)) is not None
-    }
-    for mode in sorted(pairs, key=lambda mode: -beyond[mode]):
-        own_hz = float(fit.poles[mode, 0])
-        poles = np.concatenate([fit.poles[fit.poles[:, 0] != own_hz], pairs[mode]])
+    for mode in np.flatnonzero(fit.find_beyond_noise(settings).any(axis=0)).tolist():
+        if (two := fit.find_two_poles(mode, settings)) is None:
+            continue
+        poles = np.concatenate([np.delete(fit.poles, mode, axis=0), two])
         tried = _fit_poles(fit.data, poles[np.argsort(poles[:, 0])], fit.delays_s, settings)
         if tried.find_weakest(settings) is None:
             return _split_close_modes(tried, settings)
@@ -529,7 +528,7 @@ class _Fit:
         return np.where(of_left > MODAL.most_misfit**2 * of_noise, of_left - of_noise, 0.0)
 
     def find_two_poles(self, mode: int, settings: ResponseFitSettings) -> FloatArray | None:
-        """Return two poles (2, 2) that leave far less about a mode than its own does; None where they do not.
+        """Return two poles (2, 2) of unlike shapes that leave far less about a mode than its own; None if none do.
 
         They are fitted to the lines about it alone, and what the other modes do there stays.
 
@@ -539,9 +538,10 @@ class _Fit:
         """
         own_hz, ratio = self.poles[mode]
         off = np.abs(self.data.omega / (2 * np.pi * own_hz) - 1)
-        lines, near = off <= settings.about * ratio, self._find_near(settings)[mode]
-        two = np.stack([own_hz * (1 + settings.close * ratio * np.array([-1.0, 1.0])), np.full(2, ratio)], axis=1)
-        if lines.sum() < 2 * two.size:
+        lines, near = off <= settings.split_width * ratio, self._find_near(settings)[mode]
+        apart = settings.split_distance * ratio * np.array([-1.0, 1.0])
+        two = np.stack([own_hz * (1 + apart), np.full(2, ratio)], axis=1)
+        if lines.sum() < settings.fewest_lines:
             return None
         others = np.delete(np.arange(self.residues.shape[1]), mode)
         alone = self.aligned - _join(self.shape[:, others] @ self.residues[:, others].T).T
@@ -550,8 +550,10 @@ class _Fit:
         squares, noise = self._split_left()
         left = np.zeros_like(squares)
         left[:, lines] = np.abs(found.aligned - found.make_responses()) ** 2
-        before, after = (float((each - noise)[:, near].sum()) for each in (squares, left))
-        return found.poles if after < settings.still_left * before else None
+        size = np.mean(np.abs(self.aligned) ** 2, axis=1, keepdims=True)  # strains count like motions
+        before, after = (float(((each - noise) / size)[:, near].sum()) for each in (squares, left))
+        alike = float(modal_assurance(found.residues[:, :2] / np.sqrt(size))[0, 1])
+        return found.poles if after < settings.split_left * before and alike < settings.split_alike else None
 
     def _find_residue_errors(self, settings: ResponseFitSettings) -> FloatArray:
         """Return the residues (n_pairs, n_modes) that have the power of what noise does not explain about each mode."""

@@ -202,7 +202,10 @@ def _find_common_shapes(first: FittedModes, other: FittedModes, name: str) -> tu
         and np.isfinite(other.shapes[other.sensors.index(sensor)]).all()
     ]
     if not common:
-        raise InputError(f"stage {name!r} has no sensor in common with the first one: record the same sensors")
+        raise InputError(
+            f"stage {name!r} has no sensor with a shape in common with the first one: record the same sensors, and see "
+            "the warnings of each stage alone"
+        )
     weight = np.array([weights[sensor] for sensor in common])[:, np.newaxis]
     shapes, others = (
         weight * found.shapes[[found.sensors.index(sensor) for sensor in common]] for found in (first, other)

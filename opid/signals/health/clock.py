@@ -10,6 +10,7 @@ from opid.signals.clock import (
     line_without_stalls,
     longest_usual_step,
     plain_number,
+    require_step,
     resolution_of,
     sum_bins,
 )
@@ -30,6 +31,9 @@ class ClockCheck:
     """The check of the stamps of a track: of a stated rate and start, or by its usual (first) stamps.
 
     `setting` is what the user states of the stamps, as in `LogSettings`.
+
+    Raises:
+        ClockError: the usual step is that of no recorder.
     """
 
     def __init__(self, *, fs: float | None, start_s: float, setting: str, usual: FloatArray, n_channels: int) -> None:
@@ -38,6 +42,7 @@ class ClockCheck:
         self._start_s, self.n, self._previous = start_s, 0, np.nan
         self.is_crowded = False
         self._period, self._longest, self._noise = (1 / fs, np.inf, 0.0) if fs else self._find_usual(usual)
+        require_step(self._period)
         self.bin_rows = rows_of_a_bin(self.fs, n_channels)
         self._good = np.zeros(3)  # number of steps that are no gap; sum and sum of squares of step - period
         self._bins: list[FloatArray] = []  # sums of rows and stamps, where the rows are assumed to be equally spaced

@@ -10,6 +10,7 @@ from itertools import accumulate, chain, combinations
 import numpy as np
 
 from opid.errors import FileError, InputError, NotDeterminedError, list_names
+from opid.signals.clock import ClockError
 from opid.signals.conversion import choose_channels
 from opid.signals.health.across_channels import check_magnitudes, check_pair, compare_pairs
 from opid.signals.health.channel import Bins, MomentCheck, RunCheck, describe_channel
@@ -150,7 +151,10 @@ def _inspect_track(
     if fs is None and first[0].stamps is None:
         raise FileError(f"{log.path} states neither a rate nor time stamps: give fs_hz in [log]")
     start_s = 0.0 if settings.fs_hz and track.fs is None else track.start_s
-    clock = ClockCheck(fs=fs, start_s=start_s, setting=settings.clock, usual=usual, n_channels=n)
+    try:
+        clock = ClockCheck(fs=fs, start_s=start_s, setting=settings.clock, usual=usual, n_channels=n)
+    except ClockError as error:
+        raise FileError(f"{log.path}: {error}") from None
     check = _TrackCheck(track.name, tuple(wanted), [each.unit for each in wanted.values()], clock, thorough=thorough)
     rows = chunk_rows(clock.bin_rows, n)
     regrouped = regroup(chain(first, blocks), n, rows)

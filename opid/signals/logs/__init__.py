@@ -278,7 +278,7 @@ def _raise_one_sentence(file: Path, form: Format) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if form.needs is None or form.extra is None:
             raise
-        raise missing_library(f"reading {file} ({form.name})", form.needs, form.extra) from error
+        raise FileError(str(missing_library(f"reading {file} ({form.name})", form.needs, form.extra))) from error
     except MemoryError as error:
         raise FileError(
             f"{file} takes more memory than its size explains: it is damaged, or a whole that is packed tightly; "

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from opid.errors import InputError, nearest, refuse
+from opid.errors import InputError, list_names, nearest, refuse
 from opid.mechanics.laws.law import default_law
 from opid.signals.recording import FloatArray
 from opid.suspensions.candidates import Arrays, prepare_alone, prepare_rigid
@@ -193,6 +193,11 @@ def restore_model(fit: StoredFit, study: Study, arrays: Arrays, settings: Settin
         data = prepare_rigid(study, arrays, study.sensor_facts(), settings=known)
     finer = max(1, round(fit.rate_hz / data.runs[0].fs))
     # What differs from run to run, as clocks do, is that of the run of the fit; a further record has none of it.
+    if is_run and study.runs[0].name not in fit.runs:
+        raise InputError(
+            f"the result is of runs {list_names(map(repr, fit.runs))}, and the study has run {study.runs[0].name!r}: "
+            "give the result of this study"
+        )
     number = fit.runs.index(study.runs[0].name) if is_run else _NO_RUN
     runs = tuple(replace(run if finer == 1 else run.sample_finer(finer), number=number) for run in data.runs)
     groups = tuple(

@@ -204,15 +204,15 @@ def read_dataset(path: str | os.PathLike[str]) -> FleetDataset:
     found, names = [], None
     for part in parts:
         if not part.is_file():
-            raise InputError(f"{part} is a directory, a pipe or a device: run `opid campaign` again")
+            raise FileError(f"{part} is a directory, a pipe or a device: run `opid campaign` again")
         try:
             table = pyarrow.parquet.ParquetFile(part).read()
             named = (table.schema.metadata or {}).get(COVARIATES.encode(), b"").decode().splitlines()
         except (OSError, ValueError, pyarrow.ArrowException) as error:
-            raise InputError(f"{part} is no sound Parquet file: run `opid campaign` again") from error
+            raise FileError(f"{part} is no sound Parquet file: run `opid campaign` again") from error
         lacking = columns().keys() - set(table.column_names)
         if lacking:
-            raise InputError(f"{part} has no column {', '.join(sorted(lacking))}: give a dataset of `opid campaign`")
+            raise FileError(f"{part} has no column {', '.join(sorted(lacking))}: give a dataset of `opid campaign`")
         if names is not None and named != names:
             raise InputError(f"{part} has other covariates than the parts before it: run `opid campaign` again")
         names = named

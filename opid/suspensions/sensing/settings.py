@@ -22,8 +22,8 @@ class SensingSettings:
         pushes: rms accelerations by unmeasured forces that are tried, over that of the readings.
         push_corners_hz: corners of their spectral density that are tried, Hz: from the bounce of a strut to the upper
             end of the compared band.
-        gain_tolerance: standard deviation of a gain that all sensors share, relative, if the study states none of them:
-            an accelerometer is calibrated to 1 to 2 %. Only what the law has of a nonlinearity shows it.
+        gain_tolerance: standard deviation of a gain that all sensors share, relative, if the study states a tolerance
+            above 0 for none of them: an accelerometer is calibrated to 1 to 2 %, and hardly anything in a log shows it.
         least_motion: a record whose readings are less than this times the noise is without motion.
         band_std: half width of the band in standard deviations.
     """

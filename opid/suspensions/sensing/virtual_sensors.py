@@ -448,7 +448,8 @@ def _draw_band(wanted: _Wanted, settings: SensingSettings, rng: np.random.Genera
             square += (each - likeliest) ** 2
         rests.append(np.concatenate(at_rest))
         if n_drawn < settings.n_counted:
-            counts.append([_count_cycles(found[k], edge) for k, edge in zip(forces, edges, strict=True)])
+            scale = 1.0 + float(np.hypot(fraction, by_gain)) * rng.standard_normal()
+            counts.append([_count_cycles(scale * found[k], edge) for k, edge in zip(forces, edges, strict=True)])
         n_drawn += 1
     for square, (_, quantity, place), each in zip(squares, channels, value, strict=True):
         if quantity in ("strut_force", "strut_load", "tyre_force"):
@@ -488,8 +489,9 @@ def _find_contradictions(
     vector by far more than its uncertainty, the suspension has changed, or the mass is another one than stated, or a
     gain is: the force may then be that of the law of the result along the motion, or that of the mass of the result
     times the motion, and any sensor may be wrong by the same fraction. No accelerometer tells which, so that the bands
-    hold all of them. Only what the law has of a nonlinearity shows a gain that all sensors share: it may be off, and if
-    the vector moves, by as many of its standard deviations as the vector.
+    hold all of them. A gain that all sensors share changes motion and force of a linear suspension in one ratio: hardly
+    anything shows it. If the vector moves, this gain may be off by as many of its standard deviations as the vector,
+    and at most by `most_contradicted`.
 
     Raises:
         NotDeterminedError: they are a large fraction of the force.
@@ -500,8 +502,8 @@ def _find_contradictions(
     squares = (motion.pushed[:, : record.n_interfaces] @ np.linalg.pinv(record.accelerance).T / unit) ** 2
     moved = np.zeros_like(squares)
     facts = (*part.model.sensors.sprung, *part.model.sensors.unsprung)
-    stated = max((each.gain_tolerance for each in facts if each.gain_tolerance < UNKNOWN_GAIN), default=0.0)
-    # the draws hold gains whose tolerances are stated
+    # the draws hold gains whose tolerances are stated; all share none beyond the best known of them
+    stated = min((each.gain_tolerance for each in facts if 0.0 < each.gain_tolerance < UNKNOWN_GAIN), default=0.0)
     by_gain = 0.0 if stated else settings.gain_tolerance
     if part.moved_std > settings.most_moved:
         before, unit_before = _make_record(part, part.mean), _mass_unit(part, part.mean)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import gammainc, gammaincc
 
-from opid.errors import InputError, NotDeterminedError
+from opid.errors import InputError, NotDeterminedError, list_names
 from opid.estimate import Estimate, format_number
 from opid.progress import Say
 from opid.signals.recording import FloatArray
@@ -102,11 +102,15 @@ def identify_wheel(
         say(f"blocks of {run.name}")
         known_model = restore_model(fit, replace(checked, runs=(run,)), [array], usual, is_run=True)
         gears.append(cut_into_blocks(known_model, run, speed, known))
-    n_lines = sum(int(gear.is_used.sum()) for gear in gears)
-    if n_lines < known.least_lines:
+    each_lines = [int(gear.is_used.sum()) for gear in gears]
+    n_lines = sum(each_lines)
+    if n_lines < known.least_lines or not all(each_lines):
+        without = [run.name for run, own in zip(study.runs, each_lines, strict=True) if not own]
+        of_run = f", and none of {list_names(map(repr, without))}," if without and n_lines else ""
         raise InputError(
-            f"only {n_lines} lines of all blocks belong to waves of {known.shortest_wave_m:g} m or more in the band of "
-            f"{known.band_hz[0]:g} to {known.band_hz[1]:g} Hz: give longer or faster runs, and check the speed (m/s)"
+            f"only {n_lines} lines of all blocks{of_run} belong to waves of {known.shortest_wave_m:g} m or more in the "
+            f"band of {known.band_hz[0]:g} to {known.band_hz[1]:g} Hz: give longer or faster runs, and check the speed "
+            "(m/s)"
         )
     why = _find_obstacle(fit, gears, known)
     if why is not None:
