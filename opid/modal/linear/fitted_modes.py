@@ -51,6 +51,8 @@ class ResponseFitSettings:
         n_weightings: how often the noise of the lines is estimated and the fit repeated.
         lines_per_cell: number of neighbouring lines whose noise may be correlated: a mode is some lines wide.
         least_std: a mode whose largest residue is below so many standard deviations is left out.
+        least_at_drive: so is one whose residue at the drive points is, where shapes have a scale: the mass is one over
+            it, and those of 6 to 8 deviations, which noise had raised above 6, were up to 42 % off.
         least_coherence: median coherence about a resonance below which the records differ by more than noise: that of
             joints that slip was 0.984 to 0.998, that of linear modes with noise of 1 % above 0.9999.
         near: half of the width about a resonance, in damping ratios, in which it is taken.
@@ -89,6 +91,7 @@ class ResponseFitSettings:
     n_weightings: int = 3
     lines_per_cell: int = 8
     least_std: float = 6.0
+    least_at_drive: float = 10.0
     least_coherence: float = 0.999
     near: float = 2.0
     most_left: float = 0.3

@@ -137,7 +137,7 @@ def _shape_to_scale(found: FittedResidues, settings: ResponseFitSettings) -> tup
     own, of_own = (
         np.stack([each[d, sensor] for d, sensor in enumerate(drives)]) for each in (residues, found.residue_std)
     )
-    kept: NDArray[np.int64] = np.flatnonzero(np.max(own / of_own, axis=0) >= settings.least_std)
+    kept: NDArray[np.int64] = np.flatnonzero(np.max(own / of_own, axis=0) >= settings.least_at_drive)
     shapes, shape_std = np.empty((len(found.sensors), kept.size)), np.empty((len(found.sensors), kept.size))
     masses, misfits = [], []
     for column, mode in enumerate(kept):

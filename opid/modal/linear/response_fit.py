@@ -439,7 +439,9 @@ class _Fit:
         stds = np.empty_like(self.residues)
         for pair, by_pole in enumerate(influences):
             influence = own_scores[pair] @ self.inverses[pair].T + scores @ inverse @ by_pole.T
-            stds[pair] = np.sqrt(np.sum(influence**2, axis=0))
+            # the lines about a narrow mode are few, and what they scatter may be less than their noise
+            by_noise = np.sum(self.inverses[pair] ** 2, axis=1)
+            stds[pair] = np.sqrt(np.maximum(np.sum(influence**2, axis=0), by_noise))
         return covariance, stds
 
     def find_weakest(self, settings: ResponseFitSettings) -> int | None:
