@@ -196,8 +196,8 @@ def _tabulate_shapes(result: FittedModes) -> Iterator[Table]:
             title=title if first == 0 else "",
             legend=""
             if some.stop < n
-            else "They are rounded by their standard deviations; where the records differ "
-            "they have none, and are given with two digits.",
+            else "They are rounded by their standard deviations; where the records differ, or one mode was "
+            "found as two, they have none, and are given with two digits.",
         )
 
 

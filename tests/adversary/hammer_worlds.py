@@ -11,6 +11,7 @@ from judged_worlds import Answer, World
 from made_hits import MODES, SENSORS, hit, ring
 from modal_worlds import Change, clip, delay, exchange, scale
 from scipy.linalg import expm
+from scipy.optimize import linear_sum_assignment
 
 from opid.estimate import Estimate
 from opid.modal.linear.fitted_modes import RESPONSE_FIT, FittedModes
@@ -57,12 +58,15 @@ def hammer_world(
 
 
 def compare(found: FittedModes, modes: LinearModes) -> tuple[tuple[str, Estimate, float], ...]:
-    """Return the estimates of each mode, each beside that of the mode of the structure which has its frequency."""
+    """Return the estimates of each mode, each beside that of the mode of the structure which has its frequency.
+
+    A mode of the structure is that of one found mode, so that one which is too many stands beside the rigid motion.
+    """
     pairs = []
-    for k, frequency in enumerate(found.frequency_hz):
-        mode = int(np.argmin(np.abs(modes.frequency_hz - float(frequency.value or 0.0))))
+    found_hz = np.array([float(each.value or 0.0) for each in found.frequency_hz])
+    for k, mode in zip(*linear_sum_assignment(np.abs(found_hz[:, None] - modes.frequency_hz)), strict=True):
         pairs += [
-            (f"frequency of mode {k + 1}", frequency, float(modes.frequency_hz[mode])),
+            (f"frequency of mode {k + 1}", found.frequency_hz[k], float(modes.frequency_hz[mode])),
             (f"damping of mode {k + 1}", found.damping_ratio[k], float(modes.damping_ratio[mode])),
             (f"mass of mode {k + 1}", found.modal_mass_kg[k], float(1 / modes.shapes[0, mode] ** 2)),
         ]

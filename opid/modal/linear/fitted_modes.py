@@ -34,12 +34,15 @@ class ResponseFitSettings:
         split_width: they are fitted to the lines that are as near to it, in damping ratios: its flanks tell its
             damping, and farther away other modes count more.
         split_left: they are two modes if they leave less than this fraction of what one leaves beyond noise about it:
-            two modes leave a thousandth ...
-        split_alike: ... and if the MAC of their shapes is below this: it is that of one mode whose joint is nonlinear,
-            which two poles explain as well, that is 1.
+            two close modes left less than 1e-5, and two poles of one mode that stiffens 0.07 to 0.2 ...
+        split_part: ... if the lesser has residues of at least this part of the other's: that of two close modes was
+            0.65, and of a broad pole that explains what a nonlinear neighbour leaves at most 0.003 ...
+        split_alike: ... and if the MAC of their shapes is below this: two poles that explain one mode with a nonlinear
+            joint have one shape.
         doubled: modes with such a MAC that are nearer than this, in damping ratios, are one that two poles explain.
         hidden_shift: a frequency that moves as the mode decays is off by so many times what the fit leaves of it, over
-            the width: the pole follows the mean of the shift. It was 2.7 to 3.1 for springs that stiffen and soften.
+            the width: the pole follows the mean of the shift. `benchmarks/adversary.py` prints the springs that stiffen
+            and soften for which it holds.
         fewest_lines: lines in that width from which on they are tried: two poles have 4 unknowns.
         same_mode: two poles are of one mode if they are closer than this multiple of its damping ratio, relative.
         fewest_orders: a mode stands in so many orders; of a noisy response a mathematical pole stays for three or four.
@@ -76,7 +79,8 @@ class ResponseFitSettings:
     same_damping: float = 0.1
     split_distance: float = 0.5
     split_width: float = 8.0
-    split_left: float = 0.1
+    split_left: float = 0.03
+    split_part: float = 0.05
     split_alike: float = 0.8
     doubled: float = 4.0
     hidden_shift: float = 3.0
@@ -193,7 +197,8 @@ class FittedModes(Result):
         shapes: (n_sensors, n_modes) mass-normalised shapes, kg^-1/2; that of a strain gauge is 1/m kg^-1/2. Without a
             scale they are 1 at the largest of their sensors; nan of a sensor that is clipped, or that the modes do not
             explain.
-        shape_std: their standard deviations, without that of the calibrations; nan where records differ.
+        shape_std: their standard deviations, without that of the calibrations; nan where records differ, or where one
+            mode was found as two poles.
         has_scale: whether the shapes are mass-normalised: the responses do not contradict the drive points, whose
             sensors have shapes, and no force is clipped.
         sensors: names of the sensors.

@@ -530,9 +530,10 @@ class _Fit:
         return np.where(of_left > MODAL.most_misfit**2 * of_noise, of_left - of_noise, 0.0)
 
     def find_two_poles(self, mode: int, settings: ResponseFitSettings) -> FloatArray | None:
-        """Return two poles (2, 2) of unlike shapes that leave far less about a mode than its own; None if none do.
+        """Return two poles (2, 2) of unlike shapes and like size that leave far less about a mode than its own does.
 
-        They are fitted to the lines about it alone, and what the other modes do there stays.
+        There are none, None, if no such poles do. They are fitted to the lines about it alone, and what the other modes
+        do there stays.
 
         Args:
             mode: index of the mode.
@@ -554,8 +555,10 @@ class _Fit:
         left[:, lines] = np.abs(found.aligned - found.make_responses()) ** 2
         size = np.mean(np.abs(self.aligned) ** 2, axis=1, keepdims=True)  # strains count like motions
         before, after = (float(((each - noise) / size)[:, near].sum()) for each in (squares, left))
-        alike = float(modal_assurance(found.residues[:, :2] / np.sqrt(size))[0, 1])
-        return found.poles if after < settings.split_left * before and alike < settings.split_alike else None
+        shapes = found.residues[:, :2] / np.sqrt(size)
+        lesser, greater = sorted(np.linalg.norm(shapes, axis=0).tolist())
+        is_pair = lesser > settings.split_part * greater and modal_assurance(shapes)[0, 1] < settings.split_alike
+        return found.poles if is_pair and after < settings.split_left * before else None
 
     def _find_residue_errors(self, settings: ResponseFitSettings) -> FloatArray:
         """Return the residues (n_pairs, n_modes) that have the power of what noise does not explain about each mode."""
