@@ -457,6 +457,7 @@ def change_entry(array, rng):
         put = rng.choice((math.nan, math.inf, -math.inf, 1e300, -1e300, 1e160, -1.0, 0.0, 1e-300))
     else:
         put = rng.choice((-1, 0, 1 << 30, -(1 << 30))) if array.dtype.kind in "iu" else rng.choice(TEXTS)
+        array = array.astype(int if array.dtype.kind in "iu" else str)
     if array.size:
         array.flat[rng.randrange(array.size)] = put
     return array

@@ -161,6 +161,13 @@ def test_faults_of_the_study_are_one_sentence(simulated, tmp_path):
     )
 
 
+def test_interfaces_that_are_no_tables_are_named(simulated, tmp_path):
+    text = (simulated / "study.toml").read_text()
+    head = text[: text.index("[[interfaces]]")]
+    (tmp_path / "study.toml").write_text(f"interfaces = true\n{head}")
+    refused(opid("identify", tmp_path / "study.toml"), "'interfaces' in the study is True")
+
+
 def test_a_log_is_inspected_as_the_study_of_a_body_says(simulated):
     done = opid("inspect", simulated / "reference.csv", "--study", simulated / "study.toml")
     assert done.exit_code in (0, 1), done.output

@@ -114,6 +114,15 @@ def test_stamps_that_crowd_give_only_the_rate():
     )
 
 
+@pytest.mark.parametrize("clock", ["auto", "own_times"])
+def test_a_value_that_nothing_measures_does_not_judge_the_stamps(clock):
+    counts = COUNTS.copy()
+    counts[1500, 1] = 1e200
+    stamps = (np.arange(3000) + 0.3 * RNG.uniform(size=3000)) / 200.0
+    with pytest.raises(InputError, match=r"run\.xyz"):
+        recording_of(log(track(stamps=stamps, counts=counts)), LogSettings(clock=clock))
+
+
 def test_a_log_with_several_clocks_asks_for_names_and_puts_them_on_one():
     slow = track(names=("bx",), counts=COUNTS[:1500], fs=100.0, name="slow")
     both = log(track(fs=200.0, name="fast"), slow)

@@ -217,7 +217,8 @@ def _is_of_one_gear(paths: tuple[Path, ...]) -> bool:
         document = load(paths[0])
     except InputError:
         return True
-    return len(document.get("interfaces", ())) < 2 and not document.get("body_sensors")
+    interfaces = document.get("interfaces")
+    return not (isinstance(interfaces, list) and len(interfaces) > 1) and not document.get("body_sensors")
 
 
 def _refuse_beside_study(study: Path, options: Sequence[str]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from opid.errors import FileError, InputError, list_names
 from opid.signals.clock import Clock, ClockError, reconstructed_clock, uniform_clock
 from opid.signals.log import AS_WRITTEN, ChannelSettings, Log, LogSettings, Track
-from opid.signals.recording import Channel, FloatArray, Recording
+from opid.signals.recording import Channel, FloatArray, Recording, has_usual_size
 from opid.signals.resampling import on_common_clock, resampled
 from opid.signals.stamps import StampEvidence, at_equal_steps, is_uniform, may_be_irregular
 
@@ -186,9 +186,10 @@ def _space_equally(
     samples: FloatArray, stamps: FloatArray, settings: LogSettings
 ) -> tuple[FloatArray, Clock, StampEvidence | None]:
     """Return samples at equal steps, their clock, and how irregular stamps were judged; None where they are regular."""
-    if settings.clock == "own_times" and np.isfinite(samples).all():
+    is_usual = has_usual_size(samples)  # those that are not are refused when all is read
+    if settings.clock == "own_times" and is_usual:
         return at_equal_steps(samples, stamps, taken="own times")
-    is_strict = settings.clock == "stamps" or not may_be_irregular(stamps) or not np.isfinite(samples).all()
+    is_strict = settings.clock == "stamps" or not may_be_irregular(stamps) or not is_usual
     try:
         clock = uniform_clock(stamps)
         if is_strict or is_uniform(stamps, clock):

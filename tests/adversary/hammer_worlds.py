@@ -58,13 +58,15 @@ def hammer_world(
 
 
 def compare(found: FittedModes, modes: LinearModes) -> tuple[tuple[str, Estimate, float], ...]:
-    """Return the estimates of each mode, each beside that of the mode of the structure which has its frequency.
+    """Return the estimates of each mode that has intervals, each beside that of the mode of the structure.
 
     A mode of the structure is that of one found mode, so that one which is too many stands beside the rigid motion.
     """
     pairs = []
-    found_hz = np.array([float(each.value or 0.0) for each in found.frequency_hz])
-    for k, mode in zip(*linear_sum_assignment(np.abs(found_hz[:, None] - modes.frequency_hz)), strict=True):
+    given = [(k, each.value) for k, each in enumerate(found.frequency_hz) if each.value is not None and each.std]
+    numbers, found_hz = np.array(given).reshape(-1, 2).T
+    for row, mode in zip(*linear_sum_assignment(np.abs(found_hz[:, None] - modes.frequency_hz)), strict=True):
+        k = int(numbers[row])
         pairs += [
             (f"frequency of mode {k + 1}", found.frequency_hz[k], float(modes.frequency_hz[mode])),
             (f"damping of mode {k + 1}", found.damping_ratio[k], float(modes.damping_ratio[mode])),

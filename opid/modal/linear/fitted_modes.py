@@ -40,9 +40,10 @@ class ResponseFitSettings:
         split_alike: ... and if the MAC of their shapes is below this: two poles that explain one mode with a nonlinear
             joint have one shape.
         doubled: modes with such a MAC that are nearer than this, in damping ratios, are one that two poles explain.
-        hidden_shift: a frequency that moves as the mode decays is off by so many times what the fit leaves of it, over
-            the width: the pole follows the mean of the shift. `benchmarks/adversary.py` prints the springs that stiffen
-            and soften for which it holds.
+        hidden_part: residue and damping of a mode whose frequency moves as it decays are off by so many times the
+            part that its pole leaves of it ...
+        hidden_shift: ... and its frequency by so many times this, over the width: the pole follows the mean of the
+            shift. `benchmarks/adversary.py` prints springs that stiffen and soften, for which both hold.
         fewest_lines: lines in that width from which on they are tried: two poles have 4 unknowns.
         same_mode: two poles are of one mode if they are closer than this multiple of its damping ratio, relative.
         fewest_orders: a mode stands in so many orders; of a noisy response a mathematical pole stays for three or four.
@@ -83,7 +84,8 @@ class ResponseFitSettings:
     split_part: float = 0.05
     split_alike: float = 0.8
     doubled: float = 4.0
-    hidden_shift: float = 3.0
+    hidden_part: float = 1.5
+    hidden_shift: float = 2.0
     fewest_lines: int = 16
     same_mode: float = 0.5
     fewest_orders: int = 8

@@ -171,13 +171,13 @@ def _give_poles(
 ) -> tuple[tuple[Estimate, ...], tuple[Estimate, ...]]:
     """Return natural frequencies and damping ratios with their intervals.
 
-    What the modes leave about each beyond noise is in them, and by how much the records differ there: where it is a
-    fraction of the response, the width is off by this fraction, and the frequency by a multiple of it over the width,
-    as `hidden_shift` says.
+    What the modes leave about each beyond noise is in them, and by how much the records differ there. Of both, which
+    are a part of the response, `hidden_part` is the error of the width, and `hidden_shift` that of the frequency.
     """
     size = np.stack([np.mean(np.abs(each.value[:, counted]) ** 2, axis=0) for each in found.responses])[..., np.newaxis]
     left, whole = (np.sum(each[:, counted] ** 2 / size, axis=(0, 1)) for each in (found.residue_errors, found.residues))
-    fraction = np.sqrt((left / np.maximum(whole, 1e-300))[kept] + 1 / coherence - 1)
+    differing = settings.hidden_part**2 * (1 / coherence - 1)
+    fraction = np.sqrt((left / np.maximum(whole, 1e-300))[kept] + differing)
     poles = found.poles[kept]
     hidden = np.stack([settings.hidden_shift * fraction * poles[:, 1], fraction], axis=1)
     relative = np.hypot(found.pole_std[kept], hidden)

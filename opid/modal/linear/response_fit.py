@@ -561,9 +561,10 @@ class _Fit:
         return found.poles if is_pair and after < settings.split_left * before else None
 
     def _find_residue_errors(self, settings: ResponseFitSettings) -> FloatArray:
-        """Return the residues (n_pairs, n_modes) that have the power of what noise does not explain about each mode."""
+        """Return the errors of residues by what noise does not explain about each mode, (n_pairs, n_modes)."""
         modes = np.abs(_join(self.shape)[:, : len(self.poles)]) ** 2
-        return np.sqrt(self.find_beyond_noise(settings) / np.sum(modes.T * self._find_near(settings), axis=1))
+        of_power = self.find_beyond_noise(settings) / np.sum(modes.T * self._find_near(settings), axis=1)
+        return np.asarray(settings.hidden_part * np.sqrt(of_power))
 
     def describe(self, settings: ResponseFitSettings, left: tuple[float, ...]) -> FittedResidues:
         """Return what was found, with the standard deviations of all of it."""
