@@ -11,11 +11,11 @@ from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import offset_copy
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from opid.plots.charts.artists import UnknownArtistError
 from opid.plots.charts.figure import build_chart
 from opid.plots.charts.looks import describe_handle, encode_numbers
+from opid.plots.charts.surfaces import Surface
 from opid.plots.style import plain_numbers
 
 RNG = np.random.default_rng(1)
@@ -162,26 +162,39 @@ def test_an_axis_that_runs_down_does_so_on_the_page():
     assert axis["ticktext"] == ["a", "b &lt; c", chosen, "e"]
 
 
-def test_a_surface_is_made_of_triangles():
+def put_surface(columns, rows, height, **looks):
+    """Return Axes with a surface over a grid whose faces are coloured by their height."""
     ax = Figure().add_subplot(projection="3d")
-    x, y = np.meshgrid(np.arange(4.0), np.arange(3.0))
-    ax.plot_surface(x, y, x * y)
-    chart = build_chart(ax.figure)
-    (mesh,) = chart["data"]
+    x, y = np.meshgrid(np.arange(float(columns)), np.arange(float(rows)))
+    corners = np.stack([x, y, height(x, y)], axis=-1)
+    faces = np.stack([corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]], axis=2).reshape(-1, 4, 3)
+    ax.add_collection3d(Surface(faces, faces[..., 2].mean(axis=1), **looks))
+    return ax
+
+
+def test_a_surface_is_made_of_triangles():
+    ax = put_surface(4, 3, np.multiply)
+    (mesh,) = build_chart(ax.figure)["data"]
     points = np.stack([decoded(mesh[letter]) for letter in "xyz"], axis=1)
     np.testing.assert_allclose(points[:, 2], points[:, 0] * points[:, 1], atol=1e-6)
     assert len(mesh["i"]) == len(mesh["facecolor"]) == 2 * 3 * 2
+    # the triangles cover the grid once: seen from above their areas add up to it
+    a, b, c = (points[np.array(mesh[letter])][:, :2] for letter in "ijk")
+    (ux, uy), (vx, vy) = (b - a).T, (c - a).T
+    assert np.abs(ux * vy - uy * vx).sum() / 2 == pytest.approx(3 * 2)
+
+
+def test_a_surface_that_keeps_no_corners_is_unknown():
+    ax = Figure().add_subplot(projection="3d")
+    x, y = np.meshgrid(np.arange(4.0), np.arange(3.0))
+    ax.plot_surface(x, y, x * y)
+    with pytest.raises(UnknownArtistError):
+        build_chart(ax.figure)
 
 
 def test_each_face_of_a_surface_has_its_own_colour_also_once_it_was_drawn():
     """matplotlib sorts the colours by depth when it draws; the faces keep their order."""
-    ax = Figure().add_subplot(projection="3d")
-    x, y = np.meshgrid(np.arange(12.0), np.arange(9.0))
-    corners = np.stack([x, y, x - y], axis=-1)
-    faces = np.stack([corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]], axis=2).reshape(-1, 4, 3)
-    surface = Poly3DCollection(faces, cmap="gray")
-    surface.set_array(faces[..., 2].mean(axis=1))
-    ax.add_collection3d(surface)
+    ax = put_surface(12, 9, np.subtract, cmap="gray")
     ax.figure.draw_without_rendering()
     (mesh,) = build_chart(ax.figure)["data"]
     # the two triangles of a face begin at one corner, and all faces are alike

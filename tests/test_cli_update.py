@@ -225,6 +225,7 @@ def test_a_mode_without_a_curve_is_not_determined(tmp_path, monkeypatch):
 
 def test_the_study_of_a_simulation_is_updated(simulated, tmp_path, monkeypatch):
     """From Matrix Market files by the no-U-turn sampler to the report: the true class stands first, near the truth."""
+    pytest.importorskip("nutpie")
     monkeypatch.setattr("opid.report.updating.list_figures", lambda *_: ())
     text = (simulated / "study.toml").read_text(encoding="utf-8")
     first, *others = text[: text.index("[sampling]")].split("[[classes]]")

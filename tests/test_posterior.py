@@ -95,6 +95,8 @@ def test_a_law_that_does_not_fit_has_less_evidence(data, cubic):
 
 @pytest.mark.parametrize("sampler", ["nuts", "transitional"])
 def test_every_sampler_finds_the_same(data, cubic, sampler):
+    if sampler == "nuts":
+        pytest.importorskip("nutpie")
     found = update_class(data, made.CUBIC, rng=np.random.default_rng(3), sampler=sampler, n_samples=1100)
     mine, other = found.estimates["theta_1"], cubic.estimates["theta_1"]
     assert mine.value == pytest.approx(other.value, abs=0.5 * other.std)

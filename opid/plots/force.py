@@ -56,7 +56,8 @@ def restoring_force_surface(run: RunEvidence, ax: Any = None) -> Axes:
         ax: three-dimensional Axes, or None for a new figure.
     """
     from mpl_toolkits.mplot3d import Axes3D
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    from opid.plots.charts.surfaces import Surface
 
     with house_style():
         if ax is None:
@@ -66,8 +67,7 @@ def restoring_force_surface(run: RunEvidence, ax: Any = None) -> Axes:
         travel, velocity = run.binned.centres
         faces = _list_faces(np.stack([1e3 * travel, velocity, run.binned.mean], axis=-1))
         limit = float(np.nanmax(np.abs(run.binned.mean)))
-        surface = Poly3DCollection(faces, cmap=SURFACE_MAP, edgecolor=GREY, linewidth=0.3)
-        surface.set_array(faces[..., 2].mean(axis=1))
+        surface = Surface(faces, faces[..., 2].mean(axis=1), cmap=SURFACE_MAP, edgecolor=GREY, linewidth=0.3)
         surface.set_clim(-limit, limit)
         ax.add_collection3d(surface, autolim=False)
         ax.set(xlim=(1e3 * travel.min(), 1e3 * travel.max()), ylim=(velocity.min(), velocity.max()))
