@@ -484,7 +484,7 @@ def test_a_file_of_matrices_that_takes_all_memory_is_named(monkeypatch, tmp_path
         raise MemoryError("Unable to allocate 745. GiB")
 
     path = READERS["matrix"].make(tmp_path)
-    monkeypatch.setattr("scipy.io.mmread", ask)
+    monkeypatch.setattr("opid.updating.structure.matrices_file.read_apart", ask)
     with pytest.raises(InputError, match=r"mass\.mtx needs more memory than there is"):
         READERS["matrix"].read(path)
 

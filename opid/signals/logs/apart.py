@@ -1,4 +1,4 @@
-"""Logs that a library parses are read in a process of their own, whose memory and computing time are bounded.
+"""Files that a library parses are read in a process of their own, whose memory and computing time are bounded.
 
 A file that is cut off or damaged can make such a library compute for ever, take all memory or end the program. A check
 of each format before its library reads it would be another parser, and never complete. The bounds grow with the size of
@@ -42,7 +42,7 @@ class ReadingBounds:
 
 BOUNDS = ReadingBounds()
 
-_MOST_IDLE = 2  # processes that wait for the next log
+_MOST_IDLE = 2  # processes that wait for the next file
 
 
 class ReadingEndedError(Exception):
@@ -51,7 +51,7 @@ class ReadingEndedError(Exception):
 
 def open_apart(opener: str, path: Path, settings: LogSettings) -> Log:
     """Open a log in a process of its own, which also reads its blocks; of any other error it raises RuntimeError."""
-    process = _idle.pop() if _idle else _Process()
+    process = _take_process()
     try:
         log = process.ask("open", os.getcwd(), opener, path, settings, BOUNDS)
     except Exception:
@@ -64,6 +64,25 @@ def open_apart(opener: str, path: Path, settings: LogSettings) -> Log:
         for number, track in enumerate(log.tracks)
     )
     return replace(log, tracks=tuple(tracks))
+
+
+def read_apart(reader: str, path: Path) -> Any:
+    """Return what a function makes of a whole file in a process of its own.
+
+    Args:
+        reader: "module:function"; the function takes the path, and what it returns is pickled.
+        path: the file.
+
+    Raises:
+        InputError, MemoryError, ModuleNotFoundError, OSError: as the function raises them.
+        ReadingEndedError: the process has broken down, or took too long.
+        RuntimeError: the function raised anything else.
+    """
+    process = _take_process()
+    try:
+        return process.ask("read", os.getcwd(), reader, path, BOUNDS)
+    finally:
+        _take_back(process)
 
 
 class _Process:
@@ -136,6 +155,10 @@ _idle: list[_Process] = []
 _every: set[_Process] = set()
 
 
+def _take_process() -> _Process:
+    return _idle.pop() if _idle else _Process()
+
+
 def _take_back(process: _Process) -> None:
     with suppress(ReadingEndedError):
         if not process.has_ended:
@@ -148,7 +171,7 @@ def _take_back(process: _Process) -> None:
 
 @atexit.register
 def end_processes() -> None:
-    """End all processes that read logs."""
+    """End all processes that read files."""
     for process in [*_every]:
         process.end()
 
@@ -204,7 +227,7 @@ def serve() -> None:
 
 
 class _Reading:
-    """Answers requests about one log at a time; each method is a request."""
+    """Answers requests about one file at a time; each method is a request."""
 
     def __init__(self) -> None:
         self._seconds = 0.0
@@ -216,14 +239,17 @@ class _Reading:
         self._ahead: dict[int, Block | Exception | None] = {}
         self._read_last: int | None = None
 
-    def open(self, directory: str, opener: str, path: Path, settings: LogSettings, bounds: ReadingBounds) -> Log:
+    def read(self, directory: str, reader: str, path: Path, bounds: ReadingBounds, *settings: Any) -> Any:
         os.chdir(directory)
         size = path.stat().st_size
         self._seconds = bounds.seconds + size / bounds.bytes_per_s
         _bound_memory(bounds.memory_bytes + bounds.memory_per_byte * size)
         _bound_time(self._seconds)
-        module, _, name = opener.partition(":")
-        log = getattr(import_module(module), name)(path, settings)
+        module, _, name = reader.partition(":")
+        return getattr(import_module(module), name)(path, *settings)
+
+    def open(self, directory: str, opener: str, path: Path, settings: LogSettings, bounds: ReadingBounds) -> Log:
+        log = self.read(directory, opener, path, bounds, settings)
         self._tracks = log.tracks
         return replace(
             log, tracks=tuple(replace(track, rows=_refuse_call, locate=_refuse_call) for track in log.tracks)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from scipy import sparse
 from opid.errors import FileError, InputError, count_repeats, list_names, nearest, refuse
 from opid.provenance import read_content
 from opid.signals.files import read_table, read_text, write_whole
+from opid.signals.logs.apart import ReadingEndedError, read_apart
 from opid.signals.logs.archives import read_archive, read_array, require_memory
 from opid.updating.structure.affine import AffineStructure, matrix_faults, name_faults, structure_faults
 
@@ -162,7 +164,9 @@ def _read_one(path: Path) -> dict[str, Any]:
     kind = path.suffix.lower()
     if kind not in (".npz", ".mat"):
         raise FileError(f"{path} has an unknown format: give .npz, .mat, or .mtx for each matrix")
-    return _join_arrays(path, _open_file(path, _read_npz)) if kind == ".npz" else _open_file(path, _read_matlab)
+    if kind == ".npz":
+        return _join_arrays(path, _open_file(path, _read_npz))
+    return _open_file(path, partial(_read_by_library, _read_matlab))
 
 
 def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]:
@@ -171,9 +175,9 @@ def _read_each(files: Mapping[str, Source], faults: list[str]) -> dict[str, Any]
 
 
 def _read_matrix_file(path: Path) -> Any:
-    readers = {
-        **dict.fromkeys(MARKET, _read_market),
-        **dict.fromkeys(BOEING, _read_harwell_boeing),
+    readers: dict[str, Callable[[Path], Any]] = {
+        **dict.fromkeys(MARKET, partial(_read_by_library, _read_market)),
+        **dict.fromkeys(BOEING, partial(_read_by_library, _read_harwell_boeing)),
         ".npz": _read_sparse_npz,
         ".npy": read_array,
     }
@@ -199,8 +203,6 @@ def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
         raise FileError(f"there is no file {path}: check the name and the folder")
     try:
         return read(path)
-    except NotImplementedError:
-        raise FileError(f"{path} is a MATLAB file of version 7.3: save it with '-v7'") from None
     except InputError as error:
         raise FileError(f"{path}: {error}") from None
     except MemoryError:
@@ -208,6 +210,14 @@ def _open_file(path: Path, read: Callable[[Path], Any]) -> Any:
     except (OSError, ValueError, TypeError, KeyError, EOFError, OverflowError, zlib.error, IndexError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise FileError(f"{path} cannot be read ({reason}): export it again") from None
+
+
+def _read_by_library(reader: Callable[[Path], Any], path: Path) -> Any:
+    """Return what a reader makes of a file in a process of its own: a damaged file can end scipy's parsers, and it."""
+    try:
+        return read_apart(f"{reader.__module__}:{reader.__name__}", path)
+    except (ReadingEndedError, RuntimeError) as error:
+        raise ValueError(str(error)) from None
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
@@ -269,7 +279,11 @@ def _read_harwell_boeing(path: Path) -> Any:
 def _read_matlab(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
-    return {name: value for name, value in loadmat(path, appendmat=False).items() if not name.startswith("__")}
+    try:
+        found = loadmat(path, appendmat=False)
+    except NotImplementedError:
+        raise InputError("it is a MATLAB file of version 7.3: save it with '-v7'") from None
+    return {name: value for name, value in found.items() if not name.startswith("__")}
 
 
 def _join_arrays(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
