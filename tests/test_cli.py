@@ -182,7 +182,8 @@ def test_variables_of_libraries_that_opid_does_not_use_break_nothing(tmp_path):
     assert (tmp_path / "out" / "report.html").is_file()
 
 
-def test_what_is_closed_or_full_breaks_nothing(tmp_path):
+@pytest.mark.skipif(os.name != "posix", reason="a shell closes what a command prints to")
+def test_a_closed_input_and_error_break_nothing(tmp_path):
     write_bench(tmp_path / "bench.csv")
     whole = f"{shlex.quote(sys.executable)} -m opid"
     for words, status in (("inspect bench.csv", 0), ("inspect none.csv", 2)):
