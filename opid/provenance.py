@@ -70,9 +70,17 @@ def time_of_writing() -> str:
     """Return the time now, ISO 8601 in UTC; where the environment has `SOURCE_DATE_EPOCH`, that many s after 1970.
 
     With it what is written depends on nothing but what went in (https://reproducible-builds.org/specs/source-date-epoch).
+
+    Raises:
+        InputError: that is no time.
     """
     stated = os.environ.get("SOURCE_DATE_EPOCH", "")
-    moment = datetime.fromtimestamp(int(stated), UTC) if stated.isdecimal() else datetime.now(UTC)
+    if stated and not (stated.isdecimal() and len(stated) <= 11):  # the year 9999 has 12 digits
+        raise InputError(
+            f"the environment variable SOURCE_DATE_EPOCH is {stated[:40]!r}: give a whole number of seconds since 1970 "
+            "of at most 11 digits, or unset it"
+        )
+    moment = datetime.fromtimestamp(int(stated), UTC) if stated else datetime.now(UTC)
     return moment.isoformat(timespec="seconds")
 
 

@@ -1,5 +1,6 @@
 """A law from measured force against motion: known laws come back, memory is told, and intervals hold the truth."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from opid.signals.recording import Channel, Recording
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.memory import play
 from opid.suspensions.bench.problem import BenchLaws, thin_record
-from opid.suspensions.bench.record import Bench, BenchTolerances, bench_from_recording, rate_of
+from opid.suspensions.bench.record import Bench, BenchTolerances, bench_from_recording, quasi_static_bench, rate_of
 from opid.suspensions.bench.settings import DEFAULTS
 
 FS = 500.0
@@ -482,3 +483,28 @@ def test_a_law_that_is_not_determined_has_no_curves():
         "bench_ladder",
         "bench_residual",
     ]
+
+
+def test_a_law_that_is_beyond_all_numbers_on_a_motion_is_none_of_it():
+    rng = np.random.default_rng(0)
+    travel = 1e-3 * rng.standard_normal(1500)
+    noisy = recording(F=1e5 * travel, x=travel)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = law_of_bench(bench_from_recording(noisy, force="F", travel="x"))
+    assert found.r2 > 0.9
+
+
+def test_a_slow_test_needs_places_along_its_path_and_no_turn():
+    pull = np.arange(1000) * 1e-5
+    once = recording(F=1e5 * pull + 1e12 * pull**3, x=pull)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = law_of_bench(quasi_static_bench(once, force="F", travel="x"), candidates=("cubic_stiffness",))
+    assert found.law.name == "cubic_stiffness"
+    assert not found.memory.seen
+    for coarse in (np.round(np.sin(np.arange(1000) / 60)), np.where(np.arange(1000) == 600, 0.1, 0.0)):
+        with pytest.raises(
+            InputError, match="different places along its path of 1000 samples, and a quasi-static test needs 200"
+        ):
+            quasi_static_bench(recording(F=coarse, x=1e-2 * coarse), force="F", travel="x")

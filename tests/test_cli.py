@@ -1,12 +1,15 @@
 """The command as a user drives it: the main path from a simulation to a report, places, and interruptions."""
 
 import json
+import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from cli_runs import N_PICTURES, commands, opid, parsed, refused, shell
+from small_folders import write_bench
 
 from opid.mechanics.laws.kinds import LAWS
 from opid.report.document import Figure
@@ -144,3 +147,57 @@ def test_a_failure_while_drawing_leaves_no_half_report(field_test, tmp_path, mon
     assert done.exit_code == 70
     assert "(RuntimeError: no figure)" in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("stated", ["abc", "1.5", "-5", "9" * 20, "nan", "\u0663"])
+def test_a_time_of_writing_that_is_none_is_refused_before_work(stated):
+    """numpy reads it, too, when it is loaded."""
+    done = subprocess.run(
+        [sys.executable, "-m", "opid", "laws"],
+        env={**os.environ, "SOURCE_DATE_EPOCH": stated, "PYTHONUTF8": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("Error: the environment variable SOURCE_DATE_EPOCH is '")
+    assert done.stderr.count("\n") == 1
+
+
+def test_variables_of_libraries_that_opid_does_not_use_break_nothing(tmp_path):
+    write_bench(tmp_path / "bench.csv")
+    odd = {"MPLBACKEND": "none", "NUMBA_DISABLE_JIT": "1", "NUMBA_NUM_THREADS": "abc", "SOURCE_DATE_EPOCH": ""}
+    words = ("law", "bench.csv", "--force-channel", "load", "--travel-channel", "stroke", "--out", "out")
+    done = subprocess.run(
+        [sys.executable, "-m", "opid", *words],
+        env={**os.environ, **odd},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell closes what a command prints to")
+def test_a_closed_input_and_error_break_nothing(tmp_path):
+    write_bench(tmp_path / "bench.csv")
+    whole = f"{shlex.quote(sys.executable)} -m opid"
+    for words, status in (("inspect bench.csv", 0), ("inspect none.csv", 2)):
+        done = subprocess.run(
+            f"{whole} {words} <&- 2>&-", shell=True, cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, "opid itself failed" in done.stdout, done.stderr) == (status, False, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("words", ["--help", "--version", "laws --help", "laws"])
+def test_a_full_disk_for_what_is_printed_is_one_sentence(words):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "opid", *words.split()], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert (done.returncode, done.stderr) == (2, "Error: the system refuses: No space left on device\n")

@@ -12,6 +12,7 @@ from made_modal import small_study
 from made_updating import small_updating
 
 import opid
+from opid.errors import InputError
 from opid.provenance import ReadFile, read_file, time_of_writing, traced
 from opid.signals.resampling import on_common_clock, resampled
 
@@ -30,6 +31,10 @@ def log(tmp_path):
 def test_the_time_is_now_or_as_stated(monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     assert time_of_writing() == "2023-11-14T22:13:20+00:00"
+    for none in ("abc", "1.5", "-5", "9" * 12, "9" * 5000):
+        monkeypatch.setenv("SOURCE_DATE_EPOCH", none)
+        with pytest.raises(InputError, match="SOURCE_DATE_EPOCH is '"):
+            time_of_writing()
     monkeypatch.delenv("SOURCE_DATE_EPOCH")
     assert abs((datetime.now(UTC) - datetime.fromisoformat(time_of_writing())).total_seconds()) < 3600
 

@@ -88,6 +88,12 @@ def test_times_outside_are_refused(start_s, n):
         resampled(tone(3.0, 100.0), 100.0, start_s=start_s, n_samples=n)
 
 
+def test_a_recording_of_a_millisecond_is_told_as_too_short():
+    moment = recording_from_arrays([np.arange(1000.0)], ["a"], fs=1e6)
+    with pytest.raises(InputError, match=r"lasts 0\.001 s, less than two samples at 500 Hz: give a longer one"):
+        resampled(moment, 500.0)
+
+
 def test_channels_of_two_rates_and_two_beginnings():
     fast, slow = tone(7.0, 1000.0, name="fast"), tone(7.0, 256.0, start_s=0.4017, name="slow")
     both = on_common_clock([fast, slow], order=("slow", "fast"))

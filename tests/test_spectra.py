@@ -101,3 +101,8 @@ def test_noise_floor_sees_through_a_resonance():
 def test_bad_settings_are_named(settings, said):
     with pytest.raises(InputError, match=said):
         transmissibility(np.zeros(1000), np.zeros(1000), **({"fs": FS} | settings))
+
+
+@pytest.mark.parametrize("fs", [0.1, 0.5, 1.0, 3.0])
+def test_the_noise_floor_has_no_least_rate(fs):
+    assert noise_floor(np.random.default_rng(0).standard_normal(5000), fs=fs) == pytest.approx(1.0, rel=0.1)

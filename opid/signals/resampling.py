@@ -52,6 +52,11 @@ def resampled(
     last = recording.n_samples - 1
     n = n_samples or int(np.floor((last - offset) * fs_hz / recording.fs + _SAME)) + 1
     position = offset + np.arange(n) * (recording.fs / fs_hz)
+    if n < 2 and start_s is None and n_samples is None:
+        raise InputError(
+            f"the recording lasts {recording.n_samples / recording.fs:.3g} s, less than two samples at {fs_hz:g} Hz: "
+            "give a longer one, or check the unit of its time"
+        )
     if n < 2 or position[0] < -_SAME or position[-1] > last + 2 * _SAME * n:
         raise InputError(
             f"{n} samples at {fs_hz:g} Hz from {begin:g} s on are wanted of a recording from {recording.start_s:g} s "

@@ -19,6 +19,7 @@ ESTIMATORS: tuple[Estimator, ...] = ("H1", "H2", "Hv")
 WINDOWS = ("hann", "hamming", "blackman", "blackmanharris", "nuttall", "flattop", "boxcar", "bartlett", "cosine")
 """Names of the windows that a study can state."""
 # the windows that the methods use unasked are sums of these cosines: 0, 1, ... periods in a block
+_LEAST_BLOCK = 32  # samples: a Welch spectrum of fewer has no tenth that is the quietest
 _COSINES: dict[Window, tuple[float, ...]] = {
     "hann": (0.5, 0.5),
     "flattop": (0.21557895, 0.41663158, 0.277263158, 0.083578947, 0.006947368),
@@ -276,7 +277,7 @@ def noise_floor(samples: ArrayLike, *, fs: float) -> float:
     True
     """
     channel = np.asarray(samples, dtype=np.float64)[:, np.newaxis]
-    spectra = cross_spectra(channel, fs=fs, nperseg=min(channel.size, round(2 * fs)))
+    spectra = cross_spectra(channel, fs=fs, nperseg=min(channel.size, max(round(2 * fs), _LEAST_BLOCK)))
     return white_noise_rms(spectra.frequency_hz, spectra.density[:, 0, 0].real, spectra.n_blocks, fs=fs)
 
 

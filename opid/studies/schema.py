@@ -51,6 +51,7 @@ _WORDS = {
     date: "a date without quotes and without a time, as 2026-03-01",
 }
 _SEVERAL = {int: "whole numbers", float: "numbers"}
+_SEVERAL_LISTS = {float: "a list of lists of numbers"}
 _UNSOUND = object()
 
 
@@ -245,7 +246,7 @@ def _say_what_is_needed(hint: Any, path: str) -> str:
     if origin is tuple:
         is_nested = get_origin(within[0]) is tuple
         return (
-            'a list of lists of names, as [["a", "b"]]'
+            _SEVERAL_LISTS.get(get_args(within[0])[0], 'a list of lists of names, as [["a", "b"]]')
             if is_nested
             else f"a list of {_SEVERAL.get(within[0], 'names')}"
         )

@@ -32,6 +32,9 @@ from opid.signals.recording import FloatArray
 _FALL = 0.01
 # Half cycles before those that are averaged, for the start is forgotten then, their number, and the angles in each
 _BEFORE, _AVERAGED, _ANGLES = 4, 4, 64
+_BEYOND = 1e6
+"""Misfit of two modes whose sum is beyond all numbers, in the logarithm of the amplitude."""
+
 _AMPLITUDES = np.geomspace(0.03, 30.0, 49)
 
 
@@ -326,8 +329,10 @@ def fit_close_modes(time: FloatArray, log_amplitude: FloatArray, phase: FloatArr
 
     def errors(x: FloatArray) -> FloatArray:
         first, second, one, other = x.view(np.complex128)
-        both = np.exp(one + first * time) + np.exp(other + second * time)
-        off = np.log(np.where(both == 0.0, 1e-300, both) / slow)
+        with np.errstate(over="ignore", invalid="ignore"):
+            both = np.exp(one + first * time) + np.exp(other + second * time)
+            off = np.log(np.where(both == 0.0, 1e-300, both) / slow)
+        off = np.where(np.isfinite(off), off, _BEYOND)
         return solve_triangular(root, np.concatenate([off.real, off.imag]), lower=True)
 
     starts: list[tuple[float, FloatArray]] = []

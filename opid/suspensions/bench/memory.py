@@ -87,7 +87,7 @@ def measure_memory(
     the same for the best law without memory; `is_noise` says that the law itself explains almost nothing.
     """
     known, sample, fold = settings.memory, points.sample, points.fold
-    plane = np.stack([bench.travel / bench.travel.std(), bench.velocity / bench.velocity.std()], axis=1)[sample]
+    plane = np.stack([each / max(float(each.std()), 1e-300) for each in (bench.travel, bench.velocity)], axis=1)[sample]
     signals_of = past_signals(bench, settings)
     # A test without a time scale has only hysteresis.
     causes: tuple[Past, ...] = ("hysteresis",) if bench.is_quasi_static else tuple(signals_of)
@@ -139,7 +139,7 @@ def past_signals(bench: Bench, settings: BenchSettings) -> dict[Past, FloatArray
     z, v = bench.travel, bench.velocity
     low, high = np.quantile(z, (0.005, 0.995))
     stops = z[:, np.newaxis] - play(z, np.array(settings.memory.plays) * (high - low) / 2)
-    turn_s = float(z.std() / v.std())
+    turn_s = float(z.std() / max(float(v.std()), 1e-300))  # a motion that never turns has one velocity
     lagged = []
     for lag in settings.memory.lags:
         pole = np.exp(-1 / (lag * turn_s * bench.fs))

@@ -235,6 +235,11 @@ def quasi_static_bench(
     direction = np.sign(raw[segment + 1] - raw[segment])
     counted = np.zeros(n, dtype=bool)
     counted[np.round(path / step).astype(np.int64)] = True
+    if counted.sum() < settings.least_samples:
+        raise InputError(
+            f"the travel {travel!r} has {counted.sum()} different places along its path of {recording.n_samples} "
+            f"samples, and a quasi-static test needs {settings.least_samples}: record finer, or more cycles"
+        )
     last = np.append(moves, raw.size - 1)
     z, y = (np.interp(along, path[last], each[last]) for each in (raw - zero, recorded_y))
     names: dict[str, str | None] = {"force": force, "travel": travel, "velocity": None}

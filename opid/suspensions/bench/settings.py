@@ -177,6 +177,8 @@ class BenchSettings:
             and only its prediction is used.
         restart_scales: the chosen memory is fitted once more from these multiples of its scales, because each set of
             sliders that slip has a minimum of its own.
+        largest_column: a law whose force at an amplitude of 1 exceeds this somewhere is not defined on the motion: the
+            numbers are still finite, but not their squares.
         exponents: exponents at which a power is tried before its exponent is searched.
         least_r2: a law that explains a smaller fraction of the force on stretches left out explains nothing.
         least_static_r2: if the past is significant and no law explains this fraction of the force, there is no law.
@@ -203,6 +205,7 @@ class BenchSettings:
     n_left_out: int = 6
     left_out_tolerance: float = 1e-4
     restart_scales: tuple[float, ...] = (0.7, 1.0, 1.4)
+    largest_column: float = 1e100
     exponents: tuple[float, ...] = (0.15, 0.4, 0.7, 1.5, 2.5, 3.5, 5.0)
     least_r2: float = 0.02
     least_static_r2: float = 0.5

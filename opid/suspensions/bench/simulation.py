@@ -284,7 +284,8 @@ class _Search:
         for k, width in enumerate(self._widths):
             ahead = theta.copy()
             ahead[k] += width if theta[k] + width <= upper[k] else -width
-            column = (self.residual(ahead) - at) / (ahead[k] - theta[k])
+            with np.errstate(invalid="ignore"):
+                column = (self.residual(ahead) - at) / (ahead[k] - theta[k])
             # A motion that becomes unbounded has no derivative.
             columns.append(column if np.isfinite(column).all() else np.zeros_like(column))
         return np.stack(columns, axis=1)
