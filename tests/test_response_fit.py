@@ -396,6 +396,11 @@ def test_bad_records_are_refused():
             forced_record(record, **{"name": "hit", "force": "hammer", "drive_point": "tip"} | changes)
 
 
+def test_a_record_is_no_repeat_of_itself():
+    with pytest.raises(InputError, match="hold the same samples, and a record is no repeat of itself: give each once"):
+        measured_response([hit(ring(1)), hit(ring(2)), hit(ring(1))])
+
+
 def test_records_of_other_lengths_are_averaged():
     short, long = (
         forced_record(each, name="hit", force="hammer", drive_point="tip")

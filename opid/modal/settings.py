@@ -102,6 +102,8 @@ class ModalThresholds:
     below_modes: float = 0.3
     # cycles of a decay: with fewer, neither frequency nor damping can be found as functions of the amplitude
     fewest_cycles: int = 10
+    # damping ratio above which nothing oscillates that windows of several cycles could follow
+    most_followed: float = 0.5
     kernel_cycles: int = 6  # length of the Hann kernel that gives the first envelope
     # cycles after which an impact is over: a hammer that drives a mode at all touches for less than half of its period
     after_peak_cycles: float = 0.75

@@ -281,6 +281,11 @@ def _renew_reference(windows: list[_Window], reference: _Reference, fs: float) -
         raise NotDeterminedError(
             "the signal does not decay in the stretch given: give start_s and stop_s of a free decay"
         )
+    if np.median(rate) > MODAL.most_followed * np.median(omega):
+        raise NotDeterminedError(
+            f"what decays in the stretch given has a damping ratio above {MODAL.most_followed:g}, which is no "
+            "oscillation: give near_hz, or start_s and stop_s of a free decay"
+        )
     root = np.exp(0.5 * (log_seen - log_seen.max()))
     degree = min(4, max(0, len(windows) // 5))
     by_omega = _fit_smooth(root, omega, np.array([w.slope_std.imag for w in windows]) * noise, degree)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -168,7 +169,8 @@ def measured_response(
         window: window of these blocks, see scipy.signal.get_window; not used without `nperseg`.
 
     Raises:
-        InputError: no test, one without a force, or tests of several drive points, rates or sets of sensors.
+        InputError: no test, one without a force or given twice, or tests of several drive points, rates or sets of
+            sensors.
 
     >>> from opid.modal.linear.modes import modal_test
     >>> from opid.signals.recording import Channel, Recording
@@ -332,6 +334,12 @@ def _require_alike(tests: Sequence[ModalTest | ForcedRecord]) -> tuple[tuple[str
         if test.sensors != first.sensors:
             raise InputError(
                 f"tests {test.name!r} and {first.name!r} have different sensors: average tests with the same"
+            )
+    for one, other in combinations(tests, 2):
+        if np.array_equal(one.force, other.force) and np.array_equal(one.at_sensors, other.at_sensors):
+            raise InputError(
+                f"tests {one.name!r} and {other.name!r} hold the same samples, and a record is no repeat of itself: "
+                "give each once"
             )
     return first.sensors, str(first.drive_point)
 
