@@ -336,7 +336,8 @@ def _require_alike(tests: Sequence[ModalTest | ForcedRecord]) -> tuple[tuple[str
                 f"tests {test.name!r} and {first.name!r} have different sensors: average tests with the same"
             )
     for one, other in combinations(tests, 2):
-        if np.array_equal(one.force, other.force) and np.array_equal(one.at_sensors, other.at_sensors):
+        is_same_force = np.array_equal(np.asarray(one.force), np.asarray(other.force))
+        if is_same_force and np.array_equal(one.at_sensors, other.at_sensors):
             raise InputError(
                 f"tests {one.name!r} and {other.name!r} hold the same samples, and a record is no repeat of itself: "
                 "give each once"
