@@ -53,6 +53,10 @@ class ModalThresholds:
     # standard deviation of the gain of a sensor with its amplifier where a study states none: half of the 3 % within
     # which such a chain is usually calibrated over its band; shapes with errors of 3 % look like more
     gain_tolerance: float = 0.015
+    # standard deviation of the clock of a logger, as a fraction: crystals are cut to 50 ppm
+    clock_tolerance: float = 5e-5
+    # standard deviation of the drift of a gain over a record, as a fraction: 30 K move that of a sensor so far
+    gain_drift: float = 0.005
     # fraction of the motion that the sensors' own errors of calibration, those that differ, put outside exact shapes
     outside_by_gains: float = 0.01
     # standard deviation of the gain of a mode's coordinate from which it is told: a cubic coefficient is then known to

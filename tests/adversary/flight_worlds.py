@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 from judged_worlds import Answer, World
-from made_flights import body_result, day, gear_result, write_result
+from made_flights import GEARS, body_result, day, gear_result, write_result
 
-from opid.suspensions.flights.comparison import Change, compare
+from opid.suspensions.flights.comparison import Change, Comparison, compare
 from opid.suspensions.flights.results import read_flights
 
 Document = dict[str, Any]
@@ -28,24 +28,35 @@ def flight_world(
     make: Callable[[np.random.Generator], Sequence[Document]],
     *,
     changed: Gone | None = None,
+    history: Callable[[int], Gone] | None = None,
     must_say: str = "",
     unseen: str = "",
 ) -> World:
     """Return the world of some flights, in the order in which they are handed over.
 
     `changed` is what is truly lost (or won, where negative) from the earlier flights to the later ones; every flagged
-    change is compared with it, and with no change where a quantity is not among them.
+    change is compared with it, and with no change where a quantity is not among them. Where the structure goes on
+    changing, `history` is what is lost at each flight, by its number, and a change is that of the mean of the flagged
+    flights from that of the flights before that were not flagged.
     """
+
+    def measure(change: Change, found: Comparison) -> float:
+        """Return the true change as a fraction."""
+        name = name_of(change)
+        if history is None:
+            return -(changed or {}).get(name, 0.0)
+        series = next(each for each in found.series if each.quantity == change.quantity)
+        left = [1.0 - history(int(flight.name[1:])).get(name, 0.0) for flight in found.flights]
+        before = [point.flight for point in series.points if point.has_interval and not point.flagged]
+        usual = np.mean([left[flight] for flight in before if flight < change.first])
+        return float(np.mean(left[change.first : change.last + 1]) / usual) - 1.0
 
     def ask(seed: int) -> Answer:
         with TemporaryDirectory() as folder:
             documents = make(np.random.default_rng([seed, 5]))
             paths = [write_result(Path(folder) / f"f{number}", each) for number, each in enumerate(documents)]
             found = compare(read_flights(paths))
-        pairs = [
-            (f"{each.quantity.full_label}", each.fraction, -(changed or {}).get(name_of(each), 0.0))
-            for each in found.changes
-        ]
+        pairs = [(f"{each.quantity.full_label}", each.fraction, measure(each, found)) for each in found.changes]
         return Answer(tuple(pairs), found.warnings)
 
     return World("compare", fails, ask, must_say, unseen)
@@ -75,6 +86,65 @@ def load(documents: list[Document], factor: float, chosen: Sequence[int]) -> lis
         mass["value"] *= factor
         mass["interval95"] = [factor * end for end in mass["interval95"]]
     return documents
+
+
+def scale(documents: list[Document], factors: Sequence[float], *, mass: bool = True) -> list[Document]:
+    """Return the flights, of which each has all forces, and its mass, off by a factor, as by a wrong mass change."""
+    for number, factor in enumerate(factors):
+        for each in documents[number]["interfaces"]:
+            for table in (each["stiffness"], each["damping"], each["law"]["arctan_velocity"]["amplitude_n"]):
+                table["value"] *= factor
+                table["interval95"] = [factor * end for end in table["interval95"]]
+        if mass:
+            load(documents, factor, (number,))
+    return documents
+
+
+def scale_some(n: int, factor: float, chosen: Sequence[int]) -> list[float]:
+    """Return the factors of n flights, of which the chosen ones are off."""
+    return [factor if number in chosen else 1.0 for number in range(n)]
+
+
+def scale_all(rng: np.random.Generator, n: int, std: float, *, memory: float = 0.0, **settings: Any) -> list[Document]:
+    """Return flights whose scale is off by a random fraction, which may be nearly that of the flight before."""
+    documents, factors, error = make_flights(rng, n, **settings), [], 0.0
+    for _ in range(n):
+        error = memory * error + std * np.sqrt(1.0 - memory**2) * rng.standard_normal()
+        factors.append(1.0 + error)
+    return scale(documents, factors)
+
+
+def follow(history: Callable[[int], Gone], n: int = 9) -> Callable[[np.random.Generator], list[Document]]:
+    """Return what makes flights of a structure with a history."""
+    return lambda rng: [body_result(rng, day=day(number), loss=history(number)) for number in range(n)]
+
+
+def lose(fraction: Callable[[int], float], *gears: str) -> Callable[[int], Gone]:
+    """Return the history of struts that have lost a fraction of their stiffness at each flight."""
+    return lambda number: {(gear, "stiffness"): fraction(number) for gear in gears or ("left",)}
+
+
+def make_narrow(rng: np.random.Generator, chosen: int) -> list[Document]:
+    """Return flights of which one states intervals a tenth as wide as the others, and errs as these do."""
+    return [
+        body_result(rng, day=day(number), std=0.001 if number == chosen else 0.01, scatter=0.01 * (number == chosen))
+        for number in range(8)
+    ]
+
+
+HISTORIES = {
+    "a strut that loses 10 % flight by flight": lose(lambda number: 0.1 * number / 8),
+    "a strut that loses 10 % at an increasing rate": lose(lambda number: 0.1 * (number / 8) ** 2),
+    "a strut that loses 5 % twice": lose(lambda number: 0.05 * (number >= 3) + 0.05 * (number >= 6)),
+    "a strut that loses 10 %, then gains 20 %": lose(lambda number: 0.1 * (number >= 3) - 0.2 * (number >= 6)),
+    "a strut that is repaired after three flights": lose(lambda number: 0.1 * (3 <= number < 6)),
+    "all struts stiffer by 30 % in two flights": lose(lambda number: -0.3 * (number in (3, 4)), *GEARS),
+    "all struts stiffer by 30 % in the first flight": lose(lambda number: -0.3 * (number == 0), *GEARS),
+}
+"""How structures may change from flight to flight otherwise than by one step."""
+
+SEASONS = lose(lambda number: -0.05 * float(np.sin(2 * np.pi * number / 8)), *GEARS)
+"""Struts that are stiffer in summer than in winter, by no more than the scatter between flights might be."""
 
 
 def add_strut(documents: list[Document], number: int) -> list[Document]:
@@ -178,4 +248,26 @@ FLIGHT_WORLDS = [
     flight_world("intervals ten times too narrow", lambda rng: make_flights(rng, scatter=0.1)),
     flight_world("intervals ten times too narrow, 5 flights", lambda rng: make_flights(rng, 5, scatter=0.1)),
     flight_world("intervals ten times too narrow, 3 flights", lambda rng: make_flights(rng, 3, scatter=0.1)),
+    *(flight_world(f"none, {words}", follow(history), history=history) for words, history in HISTORIES.items()),
+    flight_world("all struts stiffer in summer", follow(SEASONS), history=SEASONS),
+    flight_world("masses of all flights 3 % off, each its own", lambda rng: scale_all(rng, 8, 0.03)),
+    flight_world(
+        "masses of all flights 3 % off, each its own, a strut lost 10 %",
+        lambda rng: scale_all(rng, 8, 0.03, loss=LOSS),
+        changed=LOSS,
+    ),
+    flight_world(
+        "masses 3 % off, that of a flight nearly as before", lambda rng: scale_all(rng, 12, 0.03, memory=0.9)
+    ),
+    flight_world(
+        "mass change 3 % off in the last three", lambda rng: scale(make_flights(rng), scale_some(8, 1.03, (5, 6, 7)))
+    ),
+    flight_world("mass change 5 % off in one flight", lambda rng: scale(make_flights(rng), scale_some(8, 1.05, (4,)))),
+    flight_world(
+        "forces in pounds in one flight", lambda rng: scale(make_flights(rng), scale_some(8, 4.448, (4,)), mass=False)
+    ),
+    flight_world("masses 3 % off, 3 flights", lambda rng: scale_all(rng, 3, 0.03)),
+    flight_world("intervals three times too narrow, 2 flights", lambda rng: make_flights(rng, 2, scatter=0.03)),
+    flight_world("intervals of one flight ten times too narrow", lambda rng: make_narrow(rng, 4)),
+    flight_world("intervals of the first flight ten times too narrow", lambda rng: make_narrow(rng, 0)),
 ]  # fmt: skip

@@ -11,6 +11,7 @@ from judged_worlds import Answer, World
 from made_beats import C2, FOUR, K3, beats, softening
 from made_decays import SENSED_FS, SENSED_K3, SENSED_OMEGA, decay_at_sensors
 from made_resonance import C2 as HELD_C2, K3 as HELD_K3, held_study, with_force_turned, with_mode_unknown, with_samples
+from scipy.signal import butter, sosfilt
 
 from opid.estimate import Estimate
 from opid.mechanics.rig import FORCE
@@ -193,7 +194,7 @@ BEAT_WORLDS = list_beat_worlds(is_searched=False) + [
 # ---- free decays ----------------------------------------------------------------------------------------
 
 
-def decay_world(fails: str, follow: Callable[[int], Decay], must_say: str = "") -> World:
+def decay_world(fails: str, follow: Callable[[int], Decay], must_say: str = "", unseen: str = "") -> World:
     """Return the world of the hardening mode at 40 Hz that `made_decays` solves."""
 
     def ask(seed: int) -> Answer:
@@ -205,7 +206,7 @@ def decay_world(fails: str, follow: Callable[[int], Decay], must_say: str = "") 
         ]
         return Answer(tuple(pairs), found.warnings)
 
-    return World("decay", fails, ask, must_say)
+    return World("decay", fails, ask, must_say, unseen)
 
 
 def ring(
@@ -221,11 +222,32 @@ def ring(
     return decay_of(modal_test(record, told(test.modes), name="ring"), 1)
 
 
-def ring_alone(seed: int, change: Callable[[np.ndarray, np.random.Generator], np.ndarray]) -> Decay:
-    """Follow the decay of one signal, the modal acceleration of the first mode."""
+def ring_alone(
+    seed: int,
+    change: Callable[[np.ndarray, np.random.Generator], np.ndarray] = lambda signal, rng: signal,
+    clock: float = 1.0,
+) -> Decay:
+    """Follow the decay of one signal, the modal acceleration of the first mode, by a clock that may be fast."""
     rng = np.random.default_rng([seed, 17])
     test, _ = decay_at_sensors(seed)
-    return free_decay(change(test.modal_acceleration(1), rng), fs=SENSED_FS, near_hz=40.0)
+    return free_decay(change(test.modal_acceleration(1), rng), fs=SENSED_FS * clock, near_hz=40.0)
+
+
+def drift_gain(fraction: float) -> Callable[[int], Decay]:
+    """Return what follows a signal whose gain falls by a fraction until the end of the record."""
+    return lambda seed: ring_alone(seed, lambda signal, rng: signal * np.linspace(1.0, 1.0 - fraction, signal.size))
+
+
+def lose_samples(signal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return a signal of which twelve stretches of 20 samples were lost and are zero."""
+    for first in rng.integers(600, signal.size - 20, 12):
+        signal[first : first + 20] = 0.0
+    return signal
+
+
+def pass_filter(signal: np.ndarray, hz: float, kind: str) -> np.ndarray:
+    """Return a signal behind a filter of first order."""
+    return np.asarray(sosfilt(butter(1, hz, kind, fs=SENSED_FS, output="sos"), signal))
 
 
 def add_neighbour(signal: np.ndarray, rng: np.random.Generator, hz: float, fraction: float) -> np.ndarray:
@@ -267,6 +289,40 @@ DECAY_WORLDS = [
                 signal + 0.02 * np.abs(signal).max() * np.sin(2 * np.pi * 50.0 * np.arange(signal.size) / SENSED_FS)
             ),
         ),
+    ),
+    decay_world("clock 100 ppm fast", lambda seed: ring_alone(seed, clock=1.0001)),
+    decay_world(
+        "clock 1 % fast",
+        lambda seed: ring_alone(seed, clock=1.01),
+        unseen="a mode at 40 Hz by a clock that is 1 % fast is one at 40.4 Hz",
+    ),
+    decay_world("gain drifts by 1 %", drift_gain(0.01)),
+    decay_world(
+        "gain drifts by 5 %",
+        drift_gain(0.05),
+        unseen="a gain that falls by 5 % in 6.4 s is a damping ratio larger by 3.2e-5, which is 0.8 % of it",
+    ),
+    decay_world(
+        "sensor saturates by 5 % at the largest reading",
+        lambda seed: ring_alone(seed, lambda signal, rng: signal * (1 - 0.05 * (signal / np.abs(signal).max()) ** 2)),
+    ),
+    decay_world(
+        "high-pass filter of 5 Hz", lambda seed: ring_alone(seed, lambda signal, rng: pass_filter(signal, 5.0, "high"))
+    ),
+    decay_world(
+        "low-pass filter of 200 Hz",
+        lambda seed: ring_alone(seed, lambda signal, rng: pass_filter(signal, 200.0, "low")),
+    ),
+    decay_world("lost samples are zero", lambda seed: ring_alone(seed, lose_samples)),
+    decay_world(
+        "a second hit after 3 s",
+        lambda seed: ring_alone(
+            seed, lambda signal, rng: signal + 0.3 * np.concatenate([np.zeros(3000), signal[:-3000]])
+        ),
+    ),
+    decay_world(
+        "the first half of a record twice",
+        lambda seed: ring_alone(seed, lambda signal, rng: np.tile(signal[: signal.size // 2], 2)),
     ),
 ]
 

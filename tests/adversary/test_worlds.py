@@ -9,6 +9,7 @@ from judged_worlds import judge, list_names
 from modal_worlds import MODAL_WORLDS
 from sensing_worlds import SENSING_WORLDS
 from updating_worlds import UPDATING_WORLDS
+from wheel_worlds import WHEEL_WORLDS
 
 EVERY_WORLD = (
     *BENCH_WORLDS,
@@ -18,6 +19,7 @@ EVERY_WORLD = (
     *FLIGHT_WORLDS,
     *IDENTIFY_WORLDS,
     *SENSING_WORLDS,
+    *WHEEL_WORLDS,
 )
 WORLDS = [each for each in EVERY_WORLD if not each.unseen and not each.is_slow]
 

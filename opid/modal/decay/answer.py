@@ -34,6 +34,10 @@ def describe_law(problem: DecayProblem, fitted: FittedForms) -> DecayLaw:
     of_joint = np.hypot(_find_joint_error(best, curves, lowest), few * _find_choice_error(fitted))
     k0_error, c0_error = of_joint[list(best.places)]
     curves = _widen_curves(best, curves)
+    # A clock that is fast by c takes frequencies for those over 1 + c; a gain that drifts passes for damping.
+    drift = MODAL.gain_drift / max(float(each.time[-1]) for each in problem.decays)
+    k0_error = np.hypot(k0_error, 2.0 * MODAL.clock_tolerance * low[2] ** 2)
+    c0_error = np.hypot(c0_error, 2.0 * drift)
     low_error = np.array([k0_error, c0_error, 0.5 * k0_error / low[2], 0.5 * c0_error / low[2]])
     low_std = np.sqrt((few * _widen(fitted.fits, low)) ** 2 + curves.find_missed_low(low[2]) ** 2 + low_error**2)
     wider = np.full(best.vector.size, few)
@@ -61,8 +65,8 @@ def describe_law(problem: DecayProblem, fitted: FittedForms) -> DecayLaw:
         amplitude=curves.level * units.length,
         frequency_hz=curves.natural * scale_hz,
         damping_ratio=curves.damping / (2.0 * curves.natural),
-        frequency_std_hz=curves.natural_std * scale_hz,
-        damping_std=curves.damping_std / (2.0 * curves.natural),
+        frequency_std_hz=np.hypot(curves.natural_std, MODAL.clock_tolerance * curves.natural) * scale_hz,
+        damping_std=np.hypot(curves.damping_std, 2.0 * drift) / (2.0 * curves.natural),
         covariance=covariance,
         misfit=best.misfit,
         phase_error=best.phase_error,

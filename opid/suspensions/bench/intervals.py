@@ -2,10 +2,11 @@
 
 The energy of a cycle is known better than the parameters that it follows from.
 
-The intervals hold the noise and what is believed of the calibration u: gains, the lag of the force and the mass between
-force cell and specimen. A gain moves each parameter as its unit says. A lag and a mass add a force u c(t), which moves
-the least-squares parameters of the slopes J by pinv(J) c u. What is left of c beside the slopes shows u itself in the
-residual; belief and record are combined by their precisions (Gelman et al., Bayesian Data Analysis, 2013, 2.5).
+The intervals hold the noise and what is believed of the calibration u: gains and their drift, the lag of the force, the
+mass between force cell and specimen, high-pass filters. A gain moves each parameter as its unit says. The others add a
+force u c(t), which moves the least-squares parameters of the slopes J by pinv(J) c u. What is left of c beside the
+slopes shows u itself in the residual; belief and record are combined by their precisions (Gelman et al., Bayesian Data
+Analysis, 2013, 2.5).
 """
 
 from __future__ import annotations
@@ -21,10 +22,12 @@ from opid.estimate import Estimate
 from opid.mechanics.laws.law import FloatArray, Law, Term
 from opid.mechanics.memory import Loop, gradient_along, sine_like, taken_per_cycle
 from opid.signals.health.channel import find_quantisation_step
+from opid.signals.health.inspection import inspect
+from opid.signals.recording import recording_from_arrays
 from opid.suspensions.answer.numbers import amounts_of_gas, as_gas_column, index_of_gas
 from opid.suspensions.bench.problem import all_points, residual_worth
 from opid.suspensions.bench.record import Bench, rate_of
-from opid.suspensions.bench.settings import BenchSettings, CalibrationSettings
+from opid.suspensions.bench.settings import BenchSettings, CalibrationSettings, RecordSettings
 from opid.suspensions.bench.simulation import SimulatedFit
 from opid.suspensions.fitting.least_squares import SeparableFit, clustered_covariance, independent_samples
 from opid.suspensions.result import GasColumn
@@ -39,6 +42,10 @@ class CalibrationName(StrEnum):
     VELOCITY_GAIN = "velocity gain"
     LAG = "lag"
     MASS = "mass"
+    FORCE_DRIFT = "drift of the force gain"
+    TRAVEL_DRIFT = "drift of the travel gain"
+    FORCE_CORNER = "high-pass corner of the force"
+    TRAVEL_CORNER = "high-pass corner of the travel"
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,8 @@ class CalibrationError:
     """One thing that nobody knows exactly about the channels of a bench.
 
     Args:
-        name: a gain, the lag of the force, or the mass between force cell and specimen.
+        name: a gain or by how much it grows from the middle to the end of the record, the lag of the force, the mass
+            between force cell and specimen, or the corner of a high-pass filter of a channel.
         unit: its unit, "1" for a fraction.
         tolerance: its standard deviation as it was stated.
         found: what the tolerance and the record tell of it together; it is not corrected.
@@ -102,7 +110,11 @@ def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, s
         columns = np.vstack([columns, worth / std * np.eye(1, n_values, index)])
         residual, cells = np.append(residual, worth), np.append(cells, cells[-1] + 1)
     covariance = clustered_covariance(columns, residual, cells)
-    reasons = [*_explain_driving(bench, settings), *_explain_steps(bench, settings)]
+    reasons = [
+        *_explain_driving(bench, settings),
+        *_explain_steps(bench, settings),
+        *_explain_faults(bench, settings),
+    ]
     if n_independent <= 2 * n_values:
         reasons.append(
             f"the residual of the law changes so slowly that it has only {n_independent:.0f} independent samples: no "
@@ -145,7 +157,7 @@ def _find_calibration(
         values = np.zeros(slopes.shape[1])
         values[: powers.size] = powers * np.concatenate([fit.weights, fit.law.vector])
         covariance += std**2 * np.outer(values, values)
-    unknowns = _list_unknowns(bench, refined, known)
+    unknowns = _list_unknowns(bench, fit, refined, known)
     if not unknowns:
         return tuple(errors), covariance
     columns = np.zeros((residual.size, len(unknowns)))
@@ -154,19 +166,39 @@ def _find_calibration(
     beside = columns - slopes @ moves
     seen = np.linalg.norm(beside, axis=0) > known.least_seen * np.linalg.norm(columns, axis=0)
     told, precision = np.zeros(len(unknowns)), np.zeros((len(unknowns), len(unknowns)))
+    believed = [
+        _widen_tolerance(each, beside[:, k], residual, cells, known) if seen[k] else each.tolerance
+        for k, each in enumerate(unknowns)
+    ]
     if seen.any():
         own = np.ix_(seen, seen)
         told[seen] = np.linalg.lstsq(beside[:, seen], residual, rcond=None)[0]
         left = residual - beside @ told
         precision[own] = np.linalg.pinv(clustered_covariance(beside[:, seen], left, cells))
     # Counted in tolerances, which may be as small as one likes, the prior is the standard normal.
-    scale = np.diag([each.tolerance for each in unknowns])
+    scale = np.diag(believed)
     posterior = scale @ np.linalg.inv(np.eye(len(unknowns)) + scale @ precision @ scale) @ scale
     mean = posterior @ precision @ told
     for each, value, std in zip(unknowns, mean.tolist(), np.sqrt(np.diag(posterior)).tolist(), strict=True):
         errors.append(CalibrationError(each.name, each.unit, each.tolerance, Estimate.normal(value, std)))
-    # The parameters stay those of the fit, so the mean is an error of theirs, too.
-    return tuple(errors), covariance + moves @ (posterior + np.outer(mean, mean)) @ moves.T
+    # The parameters stay those of the fit, so the mean is an error of theirs, too, and so is each cause by itself.
+    alone = np.diag(
+        [value**2 if value > each.tolerance else 0.0 for value, each in zip(believed, unknowns, strict=True)]
+    )
+    return tuple(errors), covariance + moves @ (posterior + np.outer(mean, mean) + alone) @ moves.T
+
+
+def _widen_tolerance(
+    unknown: _Unknown, column: FloatArray, residual: FloatArray, cells: NDArray[np.int64], known: CalibrationSettings
+) -> float:
+    """Return the tolerance of an unknown, or, where the record contradicts it, what the record shows of it alone.
+
+    `column` is what it adds to the force beside the slopes.
+    """
+    value = float(column @ residual / (column @ column))
+    std = float(np.sqrt(clustered_covariance(column[:, np.newaxis], residual - value * column, cells)[0, 0]))
+    is_contradicted = abs(value) > known.told_sigma * np.hypot(std, unknown.tolerance)
+    return abs(value) if is_contradicted else unknown.tolerance
 
 
 def _norms(columns: FloatArray) -> FloatArray:
@@ -183,8 +215,10 @@ class _Unknown:
     column: FloatArray
 
 
-def _list_unknowns(bench: Bench, refined: SimulatedFit | None, known: CalibrationSettings) -> list[_Unknown]:
-    """Return the lag and the mass that are not exact, where the test has them."""
+def _list_unknowns(
+    bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, known: CalibrationSettings
+) -> list[_Unknown]:
+    """Return what is not exact and adds a force, where the test has it."""
     if bench.is_quasi_static:
         return []
     tolerances, samples = bench.tolerances, bench.samples
@@ -198,7 +232,32 @@ def _list_unknowns(bench: Bench, refined: SimulatedFit | None, known: Calibratio
     found = [_Unknown(CalibrationName.LAG, "s", lag_s, late[samples])]
     if refined is None and bench.mass_kg is None:
         found.append(_Unknown(CalibrationName.MASS, "kg", mass_kg, rate_of(bench.velocity, fs=bench.fs)[0][samples]))
+    if refined is None:
+        found += _list_slow_unknowns(bench, fit, known)
     return [each for each in found if each.tolerance > 0.0]
+
+
+def _list_slow_unknowns(bench: Bench, fit: SeparableFit, known: CalibrationSettings) -> list[_Unknown]:
+    """Return the drifts of the gains, and the high-pass filters of first order of the channels.
+
+    What is read as y behind such a filter of corner b is y + b int y dt before it.
+    """
+    samples, force = bench.samples, bench.force - np.mean(bench.force[bench.samples])
+    late = np.linspace(-1.0, 1.0, force.size)
+    by_travel, by_velocity = fit.law.gradient(bench.travel, bench.velocity)
+    stiffness, damping = fit.weights[0] + by_travel, fit.weights[1] + by_velocity
+    away = bench.travel - np.mean(bench.travel)
+    moved = stiffness * away + damping * bench.velocity
+    passed = stiffness * np.cumsum(away) / bench.fs + damping * away
+    gain = bench.tolerances.gain_tolerance
+    corner = 0.0 if bench.tolerances.lag_tolerance_s == 0.0 else known.corner_per_s
+    columns = (
+        (CalibrationName.FORCE_DRIFT, "1", gain, late * force),
+        (CalibrationName.TRAVEL_DRIFT, "1", gain, -late * moved),
+        (CalibrationName.FORCE_CORNER, "1/s", corner, -np.cumsum(force) / bench.fs),
+        (CalibrationName.TRAVEL_CORNER, "1/s", corner, passed),
+    )
+    return [_Unknown(name, unit, tolerance, column[samples]) for name, unit, tolerance, column in columns]
 
 
 def _count_powers(bench: Bench, fit: SeparableFit) -> dict[CalibrationName, FloatArray]:
@@ -240,6 +299,17 @@ def _read_powers(unit: str, exponent: float) -> tuple[float, float, float]:
     return powers["N"], powers["m"] + powers["s"], 0.0 - powers["s"]
 
 
+_DRIFT = (
+    "the gain of the {what} grows by {{value:.2g}} (standard deviation {{std:.1g}}), as a fraction, from the middle of "
+    "the record to its end, or the specimen changes so: the intervals allow for it, and no value is corrected; record "
+    "when sensors and specimen are warm, or give a shorter stretch"
+)
+_CORNER = (
+    "the {what} lacks slow motion, as behind a high-pass filter with a corner of {{value:.2g}} rad/s (standard "
+    "deviation {{std:.1g}} rad/s): the intervals allow for it, and no value is corrected; record it with DC coupling"
+)
+
+
 def warn_of_calibration(calibration: Sequence[CalibrationError], known: CalibrationSettings) -> Iterator[str]:
     """Yield a sentence for a lag and for a mass that the record shows beyond what was believed of it."""
     remedies = {
@@ -249,6 +319,10 @@ def warn_of_calibration(calibration: Sequence[CalibrationError], known: Calibrat
         CalibrationName.MASS: "the force follows the acceleration like that of {value:.2g} kg (standard deviation "
         "{std:.1g} kg) between force cell and specimen: the intervals allow for it, and no value is corrected; give "
         "moving_mass = true (--moving-mass), by which the mass is found",
+        CalibrationName.FORCE_DRIFT: _DRIFT.format(what="force"),
+        CalibrationName.TRAVEL_DRIFT: _DRIFT.format(what="travel"),
+        CalibrationName.FORCE_CORNER: _CORNER.format(what="force"),
+        CalibrationName.TRAVEL_CORNER: _CORNER.format(what="travel"),
     }
     for each in calibration:
         value, std = each.found.value or 0.0, each.found.std or 0.0
@@ -291,6 +365,35 @@ def _explain_steps(bench: Bench, settings: BenchSettings) -> Iterator[str]:
                 f"{'N' if role == 'force' else 'm'}: no parameter has an interval; record it with more bits or a "
                 "smaller range"
             )
+
+
+def _explain_faults(bench: Bench, settings: BenchSettings) -> Iterator[str]:
+    """Yield why no parameter has an interval where a channel is clipped or the travel jumps."""
+    if bench.is_quasi_static:
+        return
+    roles = {"force": bench.force, "travel": bench.travel}
+    record = recording_from_arrays([*roles.values()], [*roles], fs=bench.fs, unit=["N", "m"])
+    for channel in inspect(record, thorough=False).channels:
+        if channel.clipped_fraction > 0:
+            yield (
+                f"{100 * channel.clipped_fraction:.2g} % of the samples of the {channel.name} are clipped: no "
+                "parameter has an interval; record it with a larger range, or a smaller motion"
+            )
+    n_jumps = _count_jumps(bench.travel, settings.record)
+    if n_jumps:
+        yield (
+            f"the travel jumps {n_jumps} times from one sample to the next, as no mass moves: no parameter has an "
+            "interval; leave out spikes and samples that were lost, or record at a higher rate"
+        )
+
+
+def _count_jumps(travel: FloatArray, known: RecordSettings) -> int:
+    """Return how often a travel jumps."""
+    from scipy.ndimage import median_filter
+
+    steps = np.abs(np.diff(travel))
+    usual = median_filter(steps, 2 * known.jump_reach + 1)
+    return int(np.sum(steps > np.maximum(known.jump_of_range * np.ptp(travel), known.jump_of_usual * usual)))
 
 
 def _explain_no_memory(

@@ -30,9 +30,10 @@ class BenchTolerances:
     """How well the channels of a test bench are calibrated, as standard deviations of what nobody knows exactly.
 
     Args:
-        gain_tolerance: of the gains of force, travel and velocity, each as a fraction; 0 for exact ones.
+        gain_tolerance: of the gains of force, travel and velocity, each as a fraction, and of how far they drift until
+            the end of the record; 0 for exact ones.
         lag_tolerance_s: of the time by which the force comes after the motion, s; None for the usual one, see
-            `CalibrationSettings`.
+            `CalibrationSettings`; 0 if the channels have one phase, without a high-pass filter.
         mass_tolerance_kg: of the mass of what moves between the force cell and the specimen, kg; None for the usual
             one, likewise.
 

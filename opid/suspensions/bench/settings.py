@@ -26,6 +26,9 @@ class RecordSettings:
         driving_correlation: a force that feeds power into the motion with this correlation has the wrong sign.
         coarsest: steps of a channel make an error that no interval holds if its variance is this fraction of that of
             the channel: a slope is then too low by as much, and laws that step with the channel fit best.
+        jump_of_range: a travel jumps if it moves by this fraction of its range between two samples, and ...
+        jump_of_usual: ... by this many times the middle step of those around it: no mass moves so.
+        jump_reach: number of steps on either side that are around it.
         span_m: no bench moves farther or less far, so a record with another travel has another unit ...
         span_n: ... and no bench has a larger or smaller force.
     """
@@ -39,6 +42,9 @@ class RecordSettings:
     rate_correlation: float = 0.9
     driving_correlation: float = 0.1
     coarsest: float = 3e-3
+    jump_of_range: float = 0.05
+    jump_of_usual: float = 8.0
+    jump_reach: int = 8
     span_m: tuple[float, float] = (1e-12, 1e3)
     span_n: tuple[float, float] = (1e-15, 1e12)
 
@@ -116,16 +122,19 @@ class CalibrationSettings:
     Args:
         samples_of_lag: lag of the force, in samples, whose square is added to that of `USUAL_LAG_TOLERANCE_S`: a
             recorder that reads its channels one after the other sets them up to a sample apart.
+        corner_per_s: corner, rad/s, of the high-pass filter that a channel may have: a piezoelectric force cell forgets
+            a constant force within minutes.
         mass_per_force: mass between force cell and specimen over the largest force, kg/N: rod ends and adapters
             weigh a hundredth of the force that they are made for.
         least_seen: part of a lag or a mass that the law cannot imitate, as a fraction of its force, below which the
             record says nothing of it.
-        told_sigma: standard deviations from zero at which a lag or a mass that the record shows is told: chance does
-            that once in 16,000 records.
+        told_sigma: standard deviations from zero at which a lag or a mass that the record shows is told, and at which
+            the record is believed in the place of the tolerance: chance does that once in 16,000 records.
         told_of_tolerance: ... if it is also this multiple of its tolerance.
     """
 
     samples_of_lag: float = 0.5
+    corner_per_s: float = 0.01
     mass_per_force: float = 1e-3
     least_seen: float = 1e-6
     told_sigma: float = 4.0

@@ -34,6 +34,9 @@ from opid.suspensions.flights.results import Flights
 
 SCHEMA = "opid.comparison/1"
 
+_MIDDLE_DEVIATE = 0.6745
+"""Median of the absolute value of a normal deviate of standard deviation 1."""
+
 
 @dataclass(frozen=True)
 class Change:
@@ -44,7 +47,7 @@ class Change:
         first: index of the first of them in `Comparison.flights`.
         last: index of the last.
         fraction: relative change of their mean against the flights before, with its interval; without a value if these
-            are not clearly different from zero.
+            are not clearly different from zero, and without an interval if the next flight does not confirm it.
         departure: departure of the flight that departs most, in standard deviations.
         confirmed: whether the flight after the first departs as well; None if there is none yet.
         statement: the change in a sentence.
@@ -195,7 +198,8 @@ def compare(flights: Flights, *, false_alarm: float | None = None, settings: Fli
         fraction, freedom = scatter[each.quantity.label]
         series.append(judge_series(each, scatter=fraction, freedom=freedom, chance=chance, settings=settings))
     changes = sorted(
-        (change for each in series for change in _join_changes(each, flights, settings)), key=lambda each: each.first
+        (change for each in series for change in _join_changes(each, series, flights, settings)),
+        key=lambda each: each.first,
     )
     left_out = (each.sentence for each in flights.left_out)
     warnings = _list_warnings(flights.flights, series, changes, chance_of_steps(*table), settings)
@@ -297,7 +301,9 @@ def _list_quantities(flights: Flights) -> list[Quantity]:
     return [quantity for name in names for quantity, n in counts.items() if quantity.name == name and n > 1]
 
 
-def _join_changes(series: Series, flights: Flights, settings: FlightSettings) -> list[Change]:
+def _join_changes(
+    series: Series, all_series: Sequence[Series], flights: Flights, settings: FlightSettings
+) -> list[Change]:
     """Join consecutive flagged flights of a series that depart to the same side."""
     groups: list[list[Point]] = []
     before = None
@@ -309,21 +315,48 @@ def _join_changes(series: Series, flights: Flights, settings: FlightSettings) ->
                 groups.append([point])
         if point.departure is not None:
             before = point
-    return [_change(series, group, flights, settings) for group in groups]
+    others = [each for each in all_series if each is not series]
+    return [_change(series, group, others, flights, settings) for group in groups]
 
 
-def _change(series: Series, group: Sequence[Point], flights: Flights, settings: FlightSettings) -> Change:
-    """Compare the mean of the flagged flights with the flights before the first of them."""
+def _measure_excess(flight: int, others: Sequence[Series]) -> float:
+    """Return how many times their stated standard deviations the other quantities of a flight depart, at least 1.
+
+    It is their middle departure over that of a normal deviate. A change of a gear leaves most quantities as they were;
+    where most depart, the flight is unlike the others as a whole (its mass change was stated wrong, its intervals are
+    too narrow), and so may the quantity be that was flagged.
+    """
+    departures = [
+        abs(point.departure) * each.inflation(point)
+        for each in others
+        for point in each.judged
+        if point.flight == flight and point.departure is not None
+    ]
+    return max(1.0, float(np.median(departures)) / _MIDDLE_DEVIATE) if departures else 1.0
+
+
+def _change(
+    series: Series, group: Sequence[Point], others: Sequence[Series], flights: Flights, settings: FlightSettings
+) -> Change:
+    """Compare the mean of the flagged flights with the flights before the first of them.
+
+    The departure of each flight is as uncertain as the others of that flight show (`_measure_excess`); what is common
+    to the flagged flights is not less uncertain in their mean.
+    """
     first = group[0]
     expected = first.expected or 0.0
-    values, own = np.array([(point.estimate.value or 0.0, point.estimate.std or 0.0) for point in group]).T
+    values, own = np.array([(point.estimate.value or 0.0, series.own_std(point)) for point in group]).T
     variance = own**2 + (series.scatter * expected) ** 2
     # This is the part of the variance of the first departure that is due to the mean of the flights before.
     before = max(0.0, (first.std or 0.0) ** 2 - variance[0])
     change = float(values @ (1 / variance) / (1 / variance).sum()) - expected
     std = math.sqrt(1 / (1 / variance).sum() + before)
+    std *= max(1.0, *(_measure_excess(point.flight, others) / series.inflation(point) for point in group))
     clear = abs(expected) > settings.clear_std * math.sqrt(before) and expected != 0
     fraction = Estimate.normal(change / abs(expected), std / abs(expected)) if clear else Estimate()
+    if first.confirmed is False:
+        # The next flight is as before: either the structure was changed and changed back, or this result alone is off.
+        fraction = Estimate(fraction.value)
     departure = max((point.departure or 0.0 for point in group), key=abs)
     statement = _write_statement(series, group, flights, fraction, change, departure)
     return Change(series.quantity, first.flight, group[-1].flight, fraction, departure, first.confirmed, statement)

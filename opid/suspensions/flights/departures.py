@@ -36,6 +36,8 @@ class FlightSettings:
             distribution with them has the far tail that such a median gives to normal deviates (simulated for 2 to 147
             differences).
         largest_scatter: scatter between flights is looked for up to this many times the value.
+        best_of_usual: no standard deviation counts as less than this fraction of the middle one of its quantity, for it
+            falls with the root of the length of the record: four times as long a flight has half of it.
         each_of_two_std: both flights of a pair depart by this many standard deviations: one alone is judged alone.
     """
 
@@ -49,6 +51,7 @@ class FlightSettings:
     following: float = 0.01
     freedom_of_a_step: float = 0.4
     largest_scatter: float = 10.0
+    best_of_usual: float = 0.5
     each_of_two_std: float = 1.96
 
 
@@ -116,17 +119,27 @@ class Series:
         scatter: standard deviation between flights beyond the intervals, as a fraction of the value; 0 where the
             intervals explain the differences.
         threshold: departure above which a flight is flagged, in standard deviations.
+        least_std: standard deviation below which that of a single flight does not count.
     """
 
     quantity: Quantity
     points: tuple[Point, ...]
     scatter: float
     threshold: float
+    least_std: float = 0.0
 
     @property
     def judged(self) -> tuple[Point, ...]:
         """The flights that were compared with earlier ones."""
         return tuple(point for point in self.points if point.departure is not None)
+
+    def own_std(self, point: Point) -> float:
+        """Return the standard deviation of one flight as it counts, without the scatter."""
+        return max(point.estimate.std or 0.0, self.least_std)
+
+    def inflation(self, point: Point) -> float:
+        """Return by which factor the scatter makes the standard deviation of one flight larger."""
+        return math.hypot(1.0, self.scatter * (point.expected or 0.0) / self.own_std(point))
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,8 +202,10 @@ def judge_series(
     """
     x = found.value
     beyond = (scatter * np.median(x) if x.size else 0.0) ** 2
-    variance = found.std**2 + beyond
-    freedom = freedom * (1 + float(np.median(found.std)) ** 2 / beyond) ** 2 if beyond else math.inf
+    usual = float(np.median(found.std)) if x.size else 0.0
+    least = settings.best_of_usual * usual
+    variance = np.maximum(found.std, least) ** 2 + beyond
+    freedom = freedom * (1 + usual**2 / beyond) ** 2 if beyond else math.inf
     far, near = (find_threshold(each, freedom) for each in (chance, 2 * settings.following))
     points: list[Point] = []
     kept: list[int] = []
@@ -217,7 +232,7 @@ def judge_series(
         else:
             kept.append(i)
         points.append(point)
-    return Series(found.quantity, _confirm_flags(points, found.others), scatter, far)
+    return Series(found.quantity, _confirm_flags(points, found.others), scatter, far, least)
 
 
 def find_threshold(chance: float, freedom: float) -> float:
