@@ -64,7 +64,7 @@ def test_bad_input_is_named(run):
     surface = restoring_force(lower, upper, fs=256)
     with pytest.raises(InputError, match="'travel' or 'velocity'"):
         slice_curve(surface, along="speed")
-    with pytest.raises(InputError, match="widen it"):
+    with pytest.raises(InputError, match="samples of the record lie near the axis of the travel"):
         slice_curve(surface, along="travel", half_width_std=1e-6)
     with pytest.raises(InputError, match="2 x 2"):
         binned_surface(surface, n_travel=1)

@@ -186,9 +186,12 @@ def check_pair(unsprung: ArrayLike, sprung: ArrayLike, *, fs: float, names: tupl
         # for nearly every channel the first samples suffice, and the others need not be sorted
         is_mute = all(np.unique(each).size <= HEALTH.mute_values for each in (samples[:1000], samples))
         if is_mute or own < HEALTH.mute_ratio * other:
-            raise InputError(
-                f"the channel {name!r} is mute ({own:.3g} m/s^2 rms): check the sensor, its cable and range"
+            why = (
+                f"it has not more than {HEALTH.mute_values} different values"
+                if is_mute
+                else f"its rms is {own:.3g} m/s^2, and that of the other channel {other:.3g} m/s^2"
             )
+            raise InputError(f"the channel {name!r} is mute ({why}): check sensor, cable, range and unit")
     findings: list[Finding] = []
     quiet = int(np.argmin(rms))
     if rms[quiet] < HEALTH.quiet_ratio * rms[1 - quiet]:

@@ -216,7 +216,8 @@ def slice_curve(
     sample = np.flatnonzero(np.abs(other) <= half_width)
     if sample.size < 50:
         raise InputError(
-            f"the slice along the {along} holds {sample.size} points: widen it (half_width_std is {half_width_std:g})"
+            f"{sample.size} samples of the record lie near the axis of the {along}, and at least 50 are needed for its "
+            "curve: record longer, or at a higher rate"
         )
     return SliceCurve(along, position[sample], surface.force_per_mass[sample], sample, half_width, surface.fs)
 
