@@ -165,25 +165,29 @@ def _find_calibration(
     moves = np.linalg.lstsq(slopes / _norms(slopes), columns, rcond=1e-12)[0] / _norms(slopes)[:, np.newaxis]
     beside = columns - slopes @ moves
     seen = np.linalg.norm(beside, axis=0) > known.least_seen * np.linalg.norm(columns, axis=0)
-    told, precision = np.zeros(len(unknowns)), np.zeros((len(unknowns), len(unknowns)))
-    believed = [
-        _widen_tolerance(each, beside[:, k], residual, cells, known) if seen[k] else each.tolerance
-        for k, each in enumerate(unknowns)
-    ]
-    if seen.any():
-        own = np.ix_(seen, seen)
-        told[seen] = np.linalg.lstsq(beside[:, seen], residual, rcond=None)[0]
-        left = residual - beside @ told
-        precision[own] = np.linalg.pinv(clustered_covariance(beside[:, seen], left, cells))
+    believed = np.array(
+        [
+            _widen_tolerance(each, beside[:, k], residual, cells, known) if seen[k] else each.tolerance
+            for k, each in enumerate(unknowns)
+        ]
+    )
     # Counted in tolerances, which may be as small as one likes, the prior is the standard normal.
-    scale = np.diag(believed)
-    posterior = scale @ np.linalg.inv(np.eye(len(unknowns)) + scale @ precision @ scale) @ scale
-    mean = posterior @ precision @ told
+    mean, posterior = np.zeros(len(unknowns)), np.eye(len(unknowns))
+    if seen.any():
+        columns = beside[:, seen] * believed[seen]
+        told = np.linalg.lstsq(columns, residual, rcond=None)[0]
+        covariance_of_told = clustered_covariance(columns, residual - columns @ told, cells)
+        precision, axes = np.linalg.eigh(np.linalg.pinv(covariance_of_told, hermitian=True))
+        shown = np.maximum(precision, 0.0)
+        own = np.ix_(seen, seen)
+        posterior[own] = (axes / (1.0 + shown)) @ axes.T
+        mean[seen] = axes @ (shown / (1.0 + shown) * (axes.T @ told))
+    mean, posterior = believed * mean, posterior * np.outer(believed, believed)
     for each, value, std in zip(unknowns, mean.tolist(), np.sqrt(np.diag(posterior)).tolist(), strict=True):
         errors.append(CalibrationError(each.name, each.unit, each.tolerance, Estimate.normal(value, std)))
     # The parameters stay those of the fit, so the mean is an error of theirs, too, and so is each cause by itself.
     alone = np.diag(
-        [value**2 if value > each.tolerance else 0.0 for value, each in zip(believed, unknowns, strict=True)]
+        [value**2 if value > each.tolerance else 0.0 for value, each in zip(believed.tolist(), unknowns, strict=True)]
     )
     return tuple(errors), covariance + moves @ (posterior + np.outer(mean, mean) + alone) @ moves.T
 
