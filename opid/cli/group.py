@@ -126,11 +126,8 @@ def _escape(error: click.ClickException) -> click.ClickException:
     return error
 
 
-def _cannot(error: OSError) -> Exception:
+def _name_what_failed(error: OSError) -> BadInput:
     """Return an error of the system as that with which a command ends."""
-    # if the reader of a pipe has ended, click ends without a word
-    if error.errno == errno.EPIPE:
-        return error
     # a failed write or read of an open file names none; what is printed goes to one, too
     where = error.filename or "the system refuses"
     return BadInput(f"{where}: {error.strerror or error}")
@@ -177,7 +174,9 @@ class Commands(click.Group):
         except click.ClickException as error:
             raise _escape(error) from None
         except OSError as error:  # of the help or the version, which are printed here
-            raise _cannot(error) from None
+            if error.errno == errno.EPIPE:
+                raise
+            raise _name_what_failed(error) from None
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands with their whole summaries, which click would shorten to one line each."""
@@ -204,7 +203,10 @@ class Commands(click.Group):
             words = str(error) or "there is none left"
             raise BadInput(f"it needs more memory than there is ({words}): ask for less at once") from error
         except OSError as error:
-            raise _cannot(error) from None
+            # if the reader of a pipe has ended, click ends without a word
+            if error.errno == errno.EPIPE:
+                raise
+            raise _name_what_failed(error) from error
         except KeyboardInterrupt as error:
             raise Interrupted("interrupted") from error
         except _EndedError as error:
