@@ -53,9 +53,9 @@ class ModalThresholds:
     # standard deviation of the gain of a sensor with its amplifier where a study states none: half of the 3 % within
     # which such a chain is usually calibrated over its band; shapes with errors of 3 % look like more
     gain_tolerance: float = 0.015
-    # standard deviation of the clock of a logger, as a fraction: crystals are cut to 50 ppm
+    # standard deviation of the rate of a logger's clock, as a fraction: usual crystals are specified to 50 ppm
     clock_tolerance: float = 5e-5
-    # standard deviation of the drift of a gain over a record, as a fraction: 30 K move that of a sensor so far
+    # standard deviation of the drift of a gain over a record, as a fraction: a change of 30 K moves a sensor's so far
     gain_drift: float = 0.005
     # fraction of the motion that the sensors' own errors of calibration, those that differ, put outside exact shapes
     outside_by_gains: float = 0.01

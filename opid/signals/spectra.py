@@ -18,8 +18,8 @@ Estimator = Literal["H1", "H2", "Hv"]
 ESTIMATORS: tuple[Estimator, ...] = ("H1", "H2", "Hv")
 WINDOWS = ("hann", "hamming", "blackman", "blackmanharris", "nuttall", "flattop", "boxcar", "bartlett", "cosine")
 """Names of the windows that a study can state."""
-# the windows that the methods use unasked are sums of these cosines: 0, 1, ... periods in a block
 _LEAST_BLOCK = 32  # samples: a Welch spectrum of fewer has no tenth that is the quietest
+# the windows that the methods use unasked are sums of these cosines: 0, 1, ... periods in a block
 _COSINES: dict[Window, tuple[float, ...]] = {
     "hann": (0.5, 0.5),
     "flattop": (0.21557895, 0.41663158, 0.277263158, 0.083578947, 0.006947368),
