@@ -157,11 +157,23 @@ def _find_calibration(
         values = np.zeros(slopes.shape[1])
         values[: powers.size] = powers * np.concatenate([fit.weights, fit.law.vector])
         covariance += std**2 * np.outer(values, values)
-    unknowns = _list_unknowns(bench, fit, refined, known)
+    # A lag adds a force that is not proportional to it: it is added up at the lag that was found before.
+    lag_s, told, by_unknowns = 0.0, tuple[CalibrationError, ...](), np.zeros_like(covariance)
+    for _ in range(known.lag_passes):
+        told, by_unknowns = _tell_unknowns(_list_unknowns(bench, fit, refined, known, lag_s), data, known)
+        lag_s = next((each.found.value or 0.0 for each in told if each.name is CalibrationName.LAG), 0.0)
+    return (*errors, *told), covariance + by_unknowns
+
+
+def _tell_unknowns(
+    unknowns: Sequence[_Unknown], data: tuple[FloatArray, FloatArray, NDArray[np.int64]], known: CalibrationSettings
+) -> tuple[tuple[CalibrationError, ...], FloatArray]:
+    """Return what belief and record tell of the unknowns, and the covariance of the parameters that they make."""
+    slopes, residual, cells = data
     if not unknowns:
-        return tuple(errors), covariance
+        return (), np.zeros((slopes.shape[1], slopes.shape[1]))
     columns = np.zeros((residual.size, len(unknowns)))
-    columns[: bench.samples.size] = np.stack([each.column for each in unknowns], axis=1)
+    columns[: unknowns[0].column.size] = np.stack([each.column for each in unknowns], axis=1)
     moves = np.linalg.lstsq(slopes / _norms(slopes), columns, rcond=1e-12)[0] / _norms(slopes)[:, np.newaxis]
     beside = columns - slopes @ moves
     seen = np.linalg.norm(beside, axis=0) > known.least_seen * np.linalg.norm(columns, axis=0)
@@ -183,13 +195,15 @@ def _find_calibration(
         posterior[own] = (axes / (1.0 + shown)) @ axes.T
         mean[seen] = axes @ (shown / (1.0 + shown) * (axes.T @ told))
     mean, posterior = believed * mean, posterior * np.outer(believed, believed)
-    for each, value, std in zip(unknowns, mean.tolist(), np.sqrt(np.diag(posterior)).tolist(), strict=True):
-        errors.append(CalibrationError(each.name, each.unit, each.tolerance, Estimate.normal(value, std)))
+    errors = tuple(
+        CalibrationError(each.name, each.unit, each.tolerance, Estimate.normal(value, std))
+        for each, value, std in zip(unknowns, mean.tolist(), np.sqrt(np.diag(posterior)).tolist(), strict=True)
+    )
     # The parameters stay those of the fit, so the mean is an error of theirs, too, and so is each cause by itself.
     alone = np.diag(
         [value**2 if value > each.tolerance else 0.0 for value, each in zip(believed.tolist(), unknowns, strict=True)]
     )
-    return tuple(errors), covariance + moves @ (posterior + np.outer(mean, mean) + alone) @ moves.T
+    return errors, moves @ (posterior + np.outer(mean, mean) + alone) @ moves.T
 
 
 def _widen_tolerance(
@@ -220,25 +234,43 @@ class _Unknown:
 
 
 def _list_unknowns(
-    bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, known: CalibrationSettings
+    bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, known: CalibrationSettings, lag_s: float
 ) -> list[_Unknown]:
-    """Return what is not exact and adds a force, where the test has it."""
+    """Return what is not exact and adds a force, where the test has it; `lag_s` is about how late the force comes."""
     if bench.is_quasi_static:
         return []
     tolerances, samples = bench.tolerances, bench.samples
-    lag_s, mass_kg = tolerances.lag_tolerance_s, tolerances.mass_tolerance_kg
-    if lag_s is None:
-        lag_s = float(np.hypot(USUAL_LAG_TOLERANCE_S, known.samples_of_lag / bench.fs))
+    believed_s, mass_kg = tolerances.lag_tolerance_s, tolerances.mass_tolerance_kg
+    if believed_s is None:
+        believed_s = float(np.hypot(USUAL_LAG_TOLERANCE_S, known.samples_of_lag / bench.fs))
     if mass_kg is None:
         mass_kg = known.mass_per_force * float(np.abs(bench.force[samples] - np.mean(bench.force[samples])).max())
     # A motion that is simulated from a late force is late itself.
-    late = -rate_of(bench.force, fs=bench.fs)[0] if refined is None else bench.velocity
-    found = [_Unknown(CalibrationName.LAG, "s", lag_s, late[samples])]
+    if refined is None:
+        late = -_average_ahead(rate_of(bench.force, fs=bench.fs)[0], lag_s, fs=bench.fs)
+    else:
+        late = _average_ahead(bench.velocity, -lag_s, fs=bench.fs)
+    found = [_Unknown(CalibrationName.LAG, "s", believed_s, late[samples])]
     if refined is None and bench.mass_kg is None:
         found.append(_Unknown(CalibrationName.MASS, "kg", mass_kg, rate_of(bench.velocity, fs=bench.fs)[0][samples]))
     if refined is None:
         found += _list_slow_unknowns(bench, fit, known)
     return [each for each in found if each.tolerance > 0.0]
+
+
+def _average_ahead(rate: FloatArray, seconds: float, *, fs: float) -> FloatArray:
+    """Return the average of a signal from each sample to so many seconds after it, or before it if negative.
+
+    >>> _average_ahead(np.arange(6.0), 0.02, fs=100.0)[:4].round(6).tolist()
+    [1.0, 2.0, 3.0, 4.0]
+    """
+    from scipy.interpolate import CubicSpline
+
+    if abs(seconds) * fs < 1e-6:
+        return rate
+    time = np.arange(rate.size) / fs
+    total = CubicSpline(time, rate).antiderivative()
+    return np.asarray((total(np.clip(time + seconds, 0.0, time[-1])) - total(time)) / seconds)
 
 
 def _list_slow_unknowns(bench: Bench, fit: SeparableFit, known: CalibrationSettings) -> list[_Unknown]:
