@@ -30,7 +30,7 @@ from opid.plots.modes import mode_indicators
 from opid.plots.style import format_units, house_style, panels, png
 from opid.plots.texts import LACKING, PlainPowers, find_written_text, shorten
 from opid.report.as_text import lay_out_text
-from opid.report.document import Column, Document, Figure, Paragraph, Table
+from opid.report.document import Column, Document, Figure, Paragraph, Table, build_columns
 from opid.report.formulas import embed_formula, write_html
 from opid.report.writing import draw_figures, lay_out_page
 
@@ -260,6 +260,15 @@ def test_a_terminal_is_not_steered():
     text = lay_out_text(Document(STEERING, "", STEERING, blocks=(Paragraph(STEERING), table)))
     assert not set("\x1b\x07\x9b\u202e") & set(text)
     assert "one\\ntwo\\tthree  5".replace("  ", "     ").split() == text.splitlines()[-1].split()
+
+
+def test_a_table_is_as_wide_as_it_is_shown():
+    columns = build_columns("channel", *(f"value {number}" for number in range(7)))
+    rows = ((4 * "a\x01b", *7 * ("1.25",)), ("\U0001f469\u200d\U0001f527", *7 * ("12.5",)))
+    text = lay_out_text(Document("names", "", "", None, (Table(columns, rows),)))
+    assert max(map(len, text.splitlines())) <= 80
+    assert 4 * "a\\x01b" in text
+    assert "\U0001f469\u200d\U0001f527" in text
 
 
 def test_json_holds_any_name_and_steers_no_terminal():

@@ -59,7 +59,8 @@ def _lay_out_block(block: Block) -> list[str]:
 
 def _lay_out_table(table: Table) -> list[str]:
     """The aligned rows below the names of their columns, with an empty line before each heading."""
-    rows = [tuple(map(_write_cell, row)) for row in table.rows[: table.most_in_text]]
+    # a row of one cell is a heading, which is wrapped, and may hold a formula
+    rows = [tuple(map(_write_cell, row)) if len(row) > 1 else row for row in table.rows[: table.most_in_text]]
     lines = _lay_out_rows([tuple(column.head for column in table.columns), *(r for r in rows if len(r) > 1)], table)
     text = next(lines)
     for row in rows:
@@ -69,8 +70,8 @@ def _lay_out_table(table: Table) -> list[str]:
 
 
 def _write_cell(cell: str) -> str:
-    """Return a cell in one line."""
-    return re.sub(r"[\n\r\t]", lambda found: repr(found[0])[1:-1], cell)
+    """Return a cell in one line, as wide as it is shown."""
+    return escape_invisible(re.sub(r"[\n\r\t]", lambda found: repr(found[0])[1:-1], cell))
 
 
 def _lay_out_rows(rows: Sequence[Row], table: Table) -> Iterator[list[str]]:

@@ -77,7 +77,7 @@ def _build_log_document(health: Health, name: str) -> Document:
         blocks.append(Paragraph(f"{health.looks_unsprung!r} looks like the unsprung channel (most motion above 5 Hz)."))
     blocks += _list_findings(health.findings) if health.findings else [Paragraph("Nothing is wrong.")]
     return Document(
-        _make_printable(health.log or "A recording"),
+        health.log or "A recording",
         "what is in the log, and what is wrong with it",
         write_sentence(_say_answer(health)),
         None,
@@ -98,7 +98,7 @@ def _list_details(health: Health, name: str) -> Iterator[Block]:
 
         yield Figure(
             f"{name}_orientation",
-            "Orientation of the three-axis sensors" + f" of {_make_printable(health.log)}" * bool(health.log),
+            "Orientation of the three-axis sensors" + f" of {health.log}" * bool(health.log),
             "The axes of each sensor seen from the side, with the vertical that gravity shows upward and its 95 % "
             "interval. An axis that points at the reader is a dot.",
             lambda: plots.orientation_picture(health),
@@ -113,7 +113,7 @@ def _list_figures(health: Health, name: str) -> Iterator[Figure]:
         return Figure(
             name if len(parts) == 1 else f"{name}_part{number}",
             "History, spectrum and spectrogram"
-            + f" of {_make_printable(health.log)}" * bool(health.log)
+            + f" of {health.log}" * bool(health.log)
             + f", part {number}" * (len(parts) > 1),
             "Each channel over time, between its least and its largest value; its power spectral density; and how that "
             "moves over time. What is wrong is marked.",
@@ -158,7 +158,7 @@ def _list_clock_blocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
         shown = sorted(clocks, key=lambda clock: -clock.n_samples)[:MOST_CLOCKS]
         rows = tuple(
             (
-                _make_printable(clock.track or clock.channels[0]),
+                clock.track or clock.channels[0],
                 f"{len(clock.channels)}",
                 format_number(clock.fs),
                 f"{clock.n_samples}",
@@ -177,7 +177,7 @@ def _list_clock_blocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
     elif len(clocks) > 1:
         titles = (clock.track or clock.channels[0] + ", ..." * (len(clock.channels) > 1) for clock in clocks)
         sentences = zip(titles, clocks, strict=True)
-        yield Remarks("Clock", tuple(f"{_make_printable(title)}: {_say_clock(clock)}" for title, clock in sentences))
+        yield Remarks("Clock", tuple(f"{title}: {_say_clock(clock)}" for title, clock in sentences))
 
 
 def _say_clock(clock: ClockHealth) -> str:
@@ -238,7 +238,7 @@ def _tabulate_channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
         ),
         tuple(
             (
-                _make_printable(channel.name),
+                channel.name,
                 *[f"{channel.number or '-'}"] * has_numbers,
                 channel.unit,
                 *(format_number(value, 3) for value in (channel.mean, channel.rms, channel.peak)),
@@ -250,9 +250,7 @@ def _tabulate_channels(channels: Sequence[ChannelHealth]) -> Iterator[Table]:
         ),
         note=more if len(shown) < len(channels) else "",
     )
-    faults = tuple(
-        (_make_printable(channel.name), *cells) for channel in shown if set(cells := _format_faults(channel)) != {"-"}
-    )
+    faults = tuple((channel.name, *cells) for channel in shown if set(cells := _format_faults(channel)) != {"-"})
     if faults:
         yield Table(build_columns("channel", "missing", "clipped", "longest held", "spikes"), faults)
 
@@ -262,10 +260,6 @@ def _choose_telling(channels: Sequence[ChannelHealth]) -> Sequence[ChannelHealth
     if len(channels) <= MOST_CHANNELS:
         return channels
     return sorted(channels, key=lambda c: (c.mute, c.unit != "m/s^2", c.unit == "?"))[:MOST_CHANNELS]
-
-
-def _make_printable(name: str) -> str:
-    return name if name.isprintable() else ascii(name)[1:-1]
 
 
 def _format_faults(channel: ChannelHealth) -> tuple[str, ...]:
@@ -300,7 +294,7 @@ def _say_lines(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
         for line in lines[:MOST_LINES]
     ]
     more = len(lines) - len(shown)
-    return f"{_make_printable(channel.name)}: " + "; ".join(shown) + (f"; and {more} weaker" if more > 0 else "")
+    return f"{channel.name}: " + "; ".join(shown) + (f"; and {more} weaker" if more > 0 else "")
 
 
 # ---- pairs and findings ------------------------------------------------------------------------------
@@ -319,9 +313,7 @@ def _list_pair_blocks(pairs: Sequence[PairHealth]) -> Iterator[Block]:
         heads = build_columns(
             "channel", "beside", "comes later by [ms]", "std. dev. [ms]", "coherent band", left=(0, 1)
         )
-        rows = tuple(
-            (_make_printable(p.first), _make_printable(p.second), *_format_pair(p)) for p in together[:MOST_PAIRS]
-        )
+        rows = tuple((p.first, p.second, *_format_pair(p)) for p in together[:MOST_PAIRS])
         if any(row[2] == "-" for row in rows):
             notes.append(NO_LAG)
         yield Table(heads, rows, note=" ".join(notes))
@@ -343,11 +335,8 @@ def _format_pair(pair: PairHealth) -> tuple[str, ...]:
 
 def _list_mountings(health: Health) -> Iterator[Remarks]:
     """How each three-axis accelerometer is mounted, and how two of them are turned against each other."""
-    sentences = [f"{_make_printable(name)}: {say_orientation(found)}" for name, found in health.orientations.items()]
-    sentences += [
-        f"{_make_printable(each.second)} against {_make_printable(each.first)}: {say_alignment(each)}"
-        for each in health.alignments
-    ]
+    sentences = [f"{name}: {say_orientation(found)}" for name, found in health.orientations.items()]
+    sentences += [f"{each.second} against {each.first}: {say_alignment(each)}" for each in health.alignments]
     if sentences:
         yield Remarks("Orientation", tuple(sentences))
 
@@ -383,6 +372,6 @@ def _say_findings(findings: Sequence[Finding]) -> Iterator[str]:
 
 
 def _say_names(channels: Sequence[str]) -> str:
-    names = list(dict.fromkeys(_make_printable(channel) for channel in channels if channel))
+    names = list(dict.fromkeys(filter(None, channels)))
     more = len(names) - MOST_CHANNELS // 5
     return ", ".join(names[: MOST_CHANNELS // 5]) + (f" and {more} more" if more > 0 else "")

@@ -148,13 +148,13 @@ def _find_calibration(
 
     `data` are the slopes of the fit, its residual, and the cell of each sample, then those of prior knowledge.
     """
-    slopes, residual, cells = data
     tolerances, errors = bench.tolerances, list[CalibrationError]()
-    covariance = np.zeros((slopes.shape[1], slopes.shape[1]))
+    n_values = data[0].shape[1]
+    covariance = np.zeros((n_values, n_values))
     for name, powers in _count_powers(bench, fit).items():
         std = tolerances.gain_tolerance
         errors.append(CalibrationError(name, "1", std, Estimate.normal(0.0, std)))
-        values = np.zeros(slopes.shape[1])
+        values = np.zeros(n_values)
         values[: powers.size] = powers * np.concatenate([fit.weights, fit.law.vector])
         covariance += std**2 * np.outer(values, values)
     # A lag adds a force that is not proportional to it: it is added up at the lag that was found before.
