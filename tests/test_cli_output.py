@@ -64,6 +64,13 @@ def test_an_older_result_is_not_overwritten(words, tmp_path, monkeypatch):
     assert older.read_text(encoding="utf-8") == "mine"
 
 
+@pytest.mark.parametrize("name", [".opid.part", ".out.part", ".opid.part/deeper"])
+def test_the_name_of_a_result_that_is_not_complete_is_refused(name, field_test, tmp_path):
+    done = opid("inspect", field_test / "heavy.csv", "--out", tmp_path / name)
+    refused(done, "hidden names that end in .part", "choose another name")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_every_option_has_a_word_for_its_value_and_a_sentence():
     for words, each in commands():
         told = opid(*words[1:], "--help").output

@@ -18,6 +18,7 @@ import pytest
 import tomli_w
 from chromium import needs_chromium, start_chromium
 from cli_runs import opid, refused
+from markupsafe import escape
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import LogFormatterSciNotation
 from scripts import ROOT
@@ -195,6 +196,12 @@ def test_a_page_shows_a_name_to_the_letter_and_runs_nothing_of_it(name, tmp_path
     assert (len(page.scripts), page.handlers) == (len(harmless.scripts), harmless.handlers)
     assert page.text.count(" ".join(escape_invisible(name).split())) >= 4
     assert {"m/s²", "N/m²"} <= set(re.findall(r"\w+/\w[²³]", page.text))
+
+
+@pytest.mark.parametrize("name", ['"it\'s" `so`', "it's `so`", '"so" `so`', "C:\\`so`\\", "5 m^2 `so`"])
+def test_a_name_in_a_sentence_is_kept_to_its_end(name, tmp_path):
+    html = page_of(name, "other", directory=tmp_path)[1]
+    assert f"The answer of {escape(repr(name))} is 5 m/s²." in html.replace("<bdi>", "").replace("</bdi>", "")
 
 
 def test_a_formula_that_is_none_is_a_text():

@@ -56,10 +56,15 @@ def reserve_free(path: Path, names: tuple[str, ...], *, overwrite: bool) -> Rese
 
     Raises:
         InputError: the directory cannot be made or written to, another process writes into it, or a file exists and
-            may not be overwritten.
+            may not be overwritten; or the directory is one of those that opid itself makes and removes.
     """
     from opid.signals.files import reserve_directory
 
+    if any(part.startswith(".") and part.endswith(".part") for part in path.parts):
+        raise FileError(
+            f"cannot write into {path}: hidden names that end in .part are those of results that are not complete, and "
+            "are removed: choose another name"
+        )
     reserved = click.get_current_context().with_resource(reserve_directory(path))
     for name in filter(lambda name: (reserved / name).is_dir(), names):
         raise FileError(f"{path} has a directory called {name}: choose another folder")
