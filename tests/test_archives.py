@@ -101,7 +101,7 @@ def test_objects_are_named_and_never_read(tmp_path):
         read_array(tmp_path / "b.npy")
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_any_damage_is_read_or_told(tmp_path, data):
     content = bytearray(SOUND)

@@ -135,7 +135,7 @@ def test_a_law_with_a_stiffness_at_rest_begins_in_the_mode_with_that_stiffness()
     assert curve.frequency_hz[1] < curve.frequency_hz[0] - 0.1
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(factor=st.floats(0.2, 5.0), power=st.sampled_from([2, 3, 4, 5]))
 def test_a_monomial_knows_only_its_coefficient_times_a_power_of_the_amplitude(factor, power):
     name = ["quadratic", "cubic", "quartic", "quintic"][power - 2]

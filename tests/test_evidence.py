@@ -154,7 +154,7 @@ def test_laplace_by_samples_states_its_error():
 # ------------------------------------------------------------------------------------------------ the maximum
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     scale=st.lists(st.floats(1e-6, 1e6), min_size=2, max_size=2),
     correlation=st.floats(-0.99, 0.99),

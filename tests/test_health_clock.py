@@ -26,7 +26,7 @@ def clock_of(stamps, **more):
     return health_of(stamps, **more).clocks[0]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(20.0, 5000.0), st.sampled_from([4, 5, 6, 12]), st.integers(500, 30_000), st.floats(-1e3, 1e3))
 def test_sound_stamps_give_the_rate_that_reading_gives(fs, digits, n, start_s):
     fs = round(fs, 3)

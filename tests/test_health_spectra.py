@@ -70,7 +70,7 @@ def test_the_rms_above_5_hz():
     assert channel.high_frequency_rms == pytest.approx(0.1, rel=1e-3)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.sampled_from([50.0, 60.0]), st.floats(-0.1, 0.1), st.floats(0.3, 1.0))
 def test_mains_and_their_harmonics_are_named_and_measured(mains_hz, off_hz, rms):
     own_hz = mains_hz + off_hz
@@ -237,7 +237,7 @@ def band_noise(n, seed=0):
     return signal.lfilter(b, a, noise(n, seed=seed)[:, 0])
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.floats(-0.02, 0.02), st.sampled_from([1.0, -1.0]), st.integers(0, 1000))
 def test_a_lag_between_sensors_that_move_alike_is_measured(delay_s, sign, seed):
     motion = band_noise(N, seed)

@@ -112,7 +112,7 @@ def test_the_picture_has_bounded_size_and_true_extremes(whole):
     assert inspect(log_of(FAULTY[:5000], fs=FS), thorough=False).channels[0].overview is None
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(2, 4000), st.integers(0, 10_000), st.sampled_from([0.5, 30.0, 117.3, 512.0]), st.integers(0, 2))
 def test_figures_are_those_of_whole_arrays(n, seed, fs, gone):
     samples = noise(n, 1, seed)[:, 0] * 3 + 5
@@ -238,7 +238,7 @@ def test_a_recording_is_inspected_as_its_log_is():
     assert same(inspect(run), dataclasses.replace(inspect(log_of(samples, fs=FS)), log=""))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.data())
 def test_whatever_a_log_holds_is_told_and_never_a_crash(data):
     seed = data.draw(st.integers(0, 10_000))

@@ -77,7 +77,7 @@ def test_the_energy_of_a_cycle_is_a_power_of_its_amplitude(chi, beta):
     assert slope == pytest.approx(3.0 + chi, abs=0.01)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     chi=st.floats(-0.9, 0.0),
     beta=st.floats(0.0, 5.0),
@@ -92,7 +92,7 @@ def test_masing_a_reversal_is_the_first_loading_twice_as_large(chi, beta, amplit
     assert first[1] == pytest.approx(first[0] - 2.0 * back[0], abs=1e-9 * SLIP)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 1000), split=st.integers(1, 49))
 def test_a_history_cut_in_two_is_the_same_history(seed, split):
     rng = np.random.default_rng(seed)

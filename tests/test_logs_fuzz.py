@@ -48,7 +48,7 @@ def test_a_damaged_log_is_read_or_refused(tmp_path, ending, capfd, monkeypatch):
     whole = small_log(ending)
     path = tmp_path / f"run{ending}"
 
-    @settings(max_examples=40, derandomize=True, database=None, deadline=None)
+    @settings(max_examples=40, derandomize=True, database=None)
     @given(changes=st.lists(change, min_size=1, max_size=3))
     def read_or_refuse(changes):
         content = whole

@@ -39,7 +39,7 @@ def test_modes_come_back_to_the_last_bit(tmp_path, ending):
 names = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=8)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     sensors=st.lists(names.map(lambda name: "s" + name), min_size=1, max_size=4, unique=True),
     value=st.floats(1e-50, 1e50) | st.floats(-1e50, -1e-50),

@@ -27,7 +27,7 @@ def test_a_sine_is_integrated_in_closed_form(method, frequency_hz):
 
 @pytest.mark.parametrize("method", METHODS)
 @given(a=st.floats(-3, 3), b=st.floats(-3, 3), seed=st.integers(0, 2**16))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_integration_is_linear(method, a, b, seed):
     x, y = np.random.default_rng(seed).standard_normal((2, 3000))
     both = integrate(a * x + b * y, fs=FS, method=method)

@@ -51,7 +51,7 @@ def test_what_the_lower_rate_cannot_hold_is_gone(fraction):
     assert np.abs(fast.samples[::10][500:-500]).max() > 0.9
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(shift=st.floats(0.0, 3.0), fraction=st.floats(0.01, PASS))
 def test_nothing_is_shifted_in_time(shift, fraction):
     moved = resampled(tone(fraction * 200.0, 200.0, duration_s=20.0), 200.0, start_s=shift, n_samples=3000)

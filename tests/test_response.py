@@ -92,7 +92,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step():
     assert 14.0 < ratio < 18.0
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(frequency_hz=st.floats(0.5, 30.0), damping=st.floats(2e3, 2e4))
 def test_the_steady_state_of_a_linear_gear_is_its_frequency_response(frequency_hz, damping):
     structure = airframe_structure(LandingGear(suspension_damping_n_s_per_m=damping, law=LINEAR).airframe)
@@ -117,7 +117,7 @@ def test_the_steady_state_of_a_linear_gear_is_its_frequency_response(frequency_h
         np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(first=st.floats(-50.0, 50.0), second=st.floats(-50.0, 50.0), seed=st.integers(0, 100))
 def test_a_linear_structure_superposes(first, second, seed):
     structure = airframe_structure(LandingGear(law=LINEAR).airframe)

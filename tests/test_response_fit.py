@@ -275,9 +275,10 @@ def test_records_that_differ_give_no_interval_where_they_do():
     assert known[91]
     assert not known[63]
     assert any("the records differ about 6" in each for each in found.warnings)
-    heads = dict(line.split(maxsplit=1) for line in text(found).splitlines() if line[:4].strip().isdigit())
-    assert heads["3"].split()[1::2] == ["-"] * 3
-    assert "-" not in heads["1"].split()
+    # whether one pole explains both frequencies or two do hangs on the last digits
+    rows = [line.split()[1:] for line in text(found).splitlines() if line[:4].strip().isdigit()]
+    assert {round(float(hz)): set(own[::2]) == {"-"} for hz, *own in rows} == {40: False, 63: True, 91: False}
+    assert [own for hz, *own in rows if "-" in own and round(float(hz)) != 63] == []
 
     is_known = [each.std is not None for each in found.frequency_hz]
     assert np.isfinite(found.shape_std).all(axis=0).tolist() == is_known

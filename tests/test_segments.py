@@ -34,7 +34,7 @@ def nan_at(*seconds):
     return fault
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(2, 250), st.floats(0.25, 4.0), st.integers(0, 1000))
 def test_a_tidy_log_in_motion_is_taken_whole(n, end, seed):
     health = health_of(np.geomspace(1.0, end, n), seed=seed)
@@ -147,7 +147,7 @@ def test_of_a_long_motion_the_steadiest_part_is_taken():
     assert "the 300 s with the steadiest motion" in segment.reason
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.lists(st.tuples(st.sampled_from(["move", "stand", "nan", "clip"]), st.integers(1, 60)), min_size=1, max_size=8)
 )

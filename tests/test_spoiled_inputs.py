@@ -52,7 +52,6 @@ BOUNDED = settings(
     max_examples=60,
     derandomize=True,
     database=None,
-    deadline=None,
     suppress_health_check=[*HealthCheck],
     phases=[Phase.generate],
 )
