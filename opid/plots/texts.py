@@ -14,7 +14,7 @@ from matplotlib.font_manager import FontProperties, findfont, fontManager, get_f
 from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FixedLocator, LogFormatterSciNotation, NullFormatter
 
-from opid.errors import INVISIBLE, shorten_middle
+from opid.errors import escape_invisible, shorten_middle
 from opid.estimate import RAISED
 
 LONGEST_LINE, MOST_LINES, LEAST_WORD = 84, 8, 12
@@ -65,7 +65,7 @@ class NamedTicks(FixedFormatter):
 
 
 def shorten(text: str, most: int = LONGEST_LINE) -> str:
-    """Return a text for a figure, without what is invisible.
+    """Return a text for a figure, in which what is invisible stands as Python writes it.
 
     A line that is too long loses the middle of its longest word, which is a name, and where that is not enough, its
     own middle.
@@ -73,7 +73,7 @@ def shorten(text: str, most: int = LONGEST_LINE) -> str:
     >>> shorten("run 'a" + 1000 * "b" + "c', 5 kg", 30), len(shorten(1000 * "ab "))
     ("run 'abbbbbbbbbbb…bbbbc', 5 kg", 84)
     """
-    lines = [INVISIBLE.sub("", line.replace("\t", " ")) for line in re.split(r"\r\n|[\n\r]", text)]
+    lines = [escape_invisible(line.replace("\t", " ")) for line in re.split(r"\r\n|[\n\r]", text)]
     kept = lines[:MOST_LINES] if len(lines) <= MOST_LINES else [*lines[: MOST_LINES - 1], "…"]
     return "\n".join(_cut_line(line, most) for line in kept)
 
