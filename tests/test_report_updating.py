@@ -14,7 +14,7 @@ import pytest
 from made_updating import CUBIC, small_harmonics, small_motions, small_system, small_truth, small_updating
 
 import opid
-from opid.errors import InputError
+from opid.errors import InputError, escape_invisible
 from opid.json_values import json_text
 from opid.mechanics.backbones.jointed_modes import JointedModes
 from opid.mechanics.truth import UpdatingTruth
@@ -429,6 +429,9 @@ def test_the_sketch_shows_the_joints_with_the_law_of_the_best_class(result):
         assert words in sketch.alt
     assert all(f">{name}</text>" in sketch.svg for name in ("left", "right"))
     assert sketch_joints(replace(result, best_class="")) is None
+    hidden = "abc\u202egnp.exe\u2066x"
+    renamed = replace(result, system=replace(result.system, joints=(hidden, *result.system.joints[1:])))
+    assert f"<title>{escape_invisible(hidden)}</title>" in sketch_joints(renamed).svg
 
 
 def test_what_few_readers_need_is_folded(result):

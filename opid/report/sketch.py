@@ -5,6 +5,7 @@ Every sketch is drawn from the same parts (mass, spring, damper, bar, words), in
 
 from __future__ import annotations
 
+import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
@@ -343,6 +344,6 @@ def _draw_text(
     """Write words, and if they are longer than `most` letters the whole of them for a pointer that rests on them."""
     look = f'text-anchor="{anchor}" font-size="{size}" font-weight="{weight}"'
     shown = shorten(words, most)
-    every = shorten(words, max(len(words), 1))
+    every = shorten(words, sys.maxsize)
     whole = "" if shown == every else f"<title>{escape(every)}</title>"
     return f'<text x="{x}" y="{y}" {look} fill="currentColor" stroke="none">{whole}{escape(shown)}</text>'
