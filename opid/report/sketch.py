@@ -5,12 +5,12 @@ Every sketch is drawn from the same parts (mass, spring, damper, bar, words), in
 
 from __future__ import annotations
 
-import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
+from opid.errors import escape_invisible
 from opid.estimate import Estimate, format_number, format_percent, with_std
 from opid.plots.style import format_law, format_units
 from opid.plots.texts import LONGEST_LINE, shorten
@@ -341,9 +341,9 @@ def _draw_text(
     weight: str = "normal",
     most: int = LONGEST_LINE,
 ) -> str:
-    """Write words, and if they are longer than `most` letters the whole of them for a pointer that rests on them."""
+    """Write words, and where they do not stand there whole, all of them for a pointer that rests on them."""
     look = f'text-anchor="{anchor}" font-size="{size}" font-weight="{weight}"'
     shown = shorten(words, most)
-    every = shorten(words, sys.maxsize)
+    every = escape_invisible(words)
     whole = "" if shown == every else f"<title>{escape(every)}</title>"
     return f'<text x="{x}" y="{y}" {look} fill="currentColor" stroke="none">{whole}{escape(shown)}</text>'
