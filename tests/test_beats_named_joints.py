@@ -164,6 +164,7 @@ def test_the_force_of_the_velocity_loses_what_a_named_joint_loses(world):
 # ---- the fit ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("world", WORLDS)
 def test_a_named_joint_is_found_with_intervals_that_hold(world, seed):
@@ -182,6 +183,7 @@ def test_a_named_joint_is_found_with_intervals_that_hold(world, seed):
     assert found.fit.modal_mass.value == pytest.approx(1.0, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_joint_is_found_where_powers_friction_and_slip_miss_the_tests():
     found = fit_law("dahl", None, levels=FEW)
     joint = found.fit.joint_estimates
@@ -190,6 +192,7 @@ def test_a_joint_is_found_where_powers_friction_and_slip_miss_the_tests():
     assert any("do not explain the tests, but friction that bends" in each for each in found.warnings)
 
 
+@pytest.mark.slow
 def test_the_fit_tells_the_joint_and_its_curves():
     found = identify_modes(study_of(beats_of("dahl", 1), memory="dahl_friction"))
     fit = found.fits[0]
@@ -214,6 +217,7 @@ def test_the_fit_tells_the_joint_and_its_curves():
     assert not any("misses the tests" in each for each in found.all_warnings)
 
 
+@pytest.mark.slow
 def test_a_delay_between_force_and_motion_is_found_beside_a_joint():
     late = [delay_forces(each, 1.0 / FS) for each in beats_of("dahl", 0, FEW)]
     fit = identify_modes(study_of(late, memory="dahl_friction")).fits[0]
@@ -228,6 +232,7 @@ def test_a_delay_between_force_and_motion_is_found_beside_a_joint():
 # ---- worlds without the joint ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_joint_that_never_slides_as_a_whole_is_withheld():
     found = fit_law("stuck", "iwan_friction")
     assert "do not determine iwan_friction, which the study names" in found.dropped
@@ -236,6 +241,7 @@ def test_a_joint_that_never_slides_as_a_whole_is_withheld():
     assert joint.slip_exponent.value == pytest.approx(-0.3, abs=0.02)
 
 
+@pytest.mark.slow
 def test_powers_are_not_told_as_a_joint():
     tests = beats_of("stuck", 0, (0.02, 0.03, 0.05))
     found = identify_modes(study_of(tests, memory="dahl_friction", free_linear=True))
@@ -243,6 +249,7 @@ def test_powers_are_not_told_as_a_joint():
     assert any("dahl_friction" in each for each in found.all_warnings)
 
 
+@pytest.mark.slow
 def test_beats_that_never_reach_the_slip_force_of_a_named_joint_show_a_linear_mode():
     found = identify_modes(study_of(beats_of("jenkins", 0, (0.2, 0.4, 0.6)), memory="iwan_friction"))
     assert found.fits[0].joint_estimates.named is None
@@ -250,6 +257,7 @@ def test_beats_that_never_reach_the_slip_force_of_a_named_joint_show_a_linear_mo
     assert any("do not determine iwan_friction" in each for each in found.all_warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("world", "kind"), [("dahl", "iwan_friction"), ("bouc_wen", "dahl_friction")])
 def test_a_joint_of_another_kind_is_told(world, kind):
     found = fit_law(world, kind, levels=FEW)

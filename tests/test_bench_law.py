@@ -139,6 +139,7 @@ def test_on_a_bench_gas_has_a_usual_exponent_before_any_measurement():
     assert exponent.std == pytest.approx(std, rel=0.25)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stroke_m", "within"), [(0.01, 0.4), (0.02, 0.15), (0.03, 0.08), (0.04, 0.08)])
 def test_a_gas_column_is_found_with_its_load_and_its_length(stroke_m, within):
     held = []
@@ -151,6 +152,7 @@ def test_a_gas_column_is_found_with_its_load_and_its_length(stroke_m, within):
     assert sum(held) >= 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("stroke_m", [0.001, 0.003, 0.005])
 def test_a_gas_column_that_hardly_moves_has_a_wide_interval_or_none(stroke_m, seed):

@@ -178,6 +178,7 @@ def test_a_kind_without_ranges_is_refused(drawn_laws):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_force_that_follows_the_road_is_taken_for_a_spring_below_zero_and_nothing_is_told_with_an_interval(
     worlds, seed
@@ -212,6 +213,7 @@ def test_noise_alone_is_no_motion_that_is_followed():
     assert script("benchmarks/refusals.py").outcome("noise", 0).refused
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [0.005, 0.2])
 def test_smooth_motions_that_have_nothing_in_common_are_refused_whatever_noise_is_stated(stated):
     """The next sample of a slow motion is easily guessed, above all by a filter that is told of much noise."""

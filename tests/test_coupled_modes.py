@@ -155,6 +155,7 @@ def identified(beats):
     return identify_modes(make_study(beats[:-1], beats[-1:]))
 
 
+@pytest.mark.slow
 def test_the_joint_between_modes_is_found(identified):
     (system,) = identified.systems
     assert system.modes == (1, 2)
@@ -200,6 +201,7 @@ def test_the_simplest_form_that_explains_the_tests_is_chosen(identified):
     assert "joint k z^3" in chosen[0].terms
 
 
+@pytest.mark.slow
 def test_named_products_are_fitted_as_they_are(beats):
     found = identify_modes(make_study(beats[:2], couplings=((1, 1, 2),)))
     (system,) = found.systems
@@ -214,6 +216,7 @@ def test_no_coupling_is_asked_for(beats):
     assert any("the modes interact" in text for text in found.all_warnings)
 
 
+@pytest.mark.slow
 def test_an_interaction_that_no_coupling_explains_stays_a_warning(beats):
     """A law of mode 1 alone does not explain mode 2, and that is still told."""
     alone = fit_mode(beats[:3], 1)
@@ -223,6 +226,7 @@ def test_an_interaction_that_no_coupling_explains_stays_a_warning(beats):
     assert alone.interactions[0].sentence in found.fit.warnings
 
 
+@pytest.mark.slow
 def test_modes_that_do_not_interact_have_no_coupling():
     beats = make_beats(NonlinearModalModel(MODES, {}, {1: SLIPPING}), LEVELS)
     found = identify_modes(make_study(beats))
@@ -231,6 +235,7 @@ def test_modes_that_do_not_interact_have_no_coupling():
     assert found.fits[0].joint_estimates.slip.value is not None
 
 
+@pytest.mark.slow
 def test_a_shape_that_is_too_large_is_told(beats):
     """No potential explains both modes when the shape of the driven one is 20 % too large: its mass is then not 1."""
     modes = replace(MODES, shapes=MODES.shapes * np.array([1.0, 1.2]))
@@ -265,6 +270,7 @@ def test_friction_beside_powers_is_found():
     assert abs(friction.value - 0.5) < 3 * friction.std
 
 
+@pytest.mark.slow
 def test_friction_beside_a_spring_that_softens_much_is_found():
     slides = ModalJoint(JointTerms(friction=0.13), 1e-3)
     model = NonlinearModalModel(MODES, {1: power_law({3: -2e10}, {})}, {1: slides})
@@ -294,6 +300,7 @@ def test_a_study_file_names_products(beats, tmp_path):
         read_study(path)
 
 
+@pytest.mark.slow
 def test_the_model_has_the_friction_of_free_decays():
     """Decays of a mode give friction beside powers, and the model decays as the measured mode does."""
     slides = ModalJoint(JointTerms(friction=0.4), 1e-3)
@@ -308,6 +315,7 @@ def test_the_model_has_the_friction_of_free_decays():
     assert any(row.name == "mode_1.decays.friction" for row in found.summary())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_named_coupling_that_the_tests_do_not_show_is_told_when_it_is_dropped(seed):
     alone = NonlinearModalModel(MODES, {1: power_law({3: -4e9}, {})})

@@ -106,6 +106,7 @@ def test_a_free_mode_has_no_loss_in_the_mean():
     np.testing.assert_allclose(losses[1], losses[0], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_dampers_are_found_and_chosen():
     held = []
     for seed in range(3):
@@ -124,6 +125,7 @@ def test_dampers_are_found_and_chosen():
     assert band.damping_ratio[-1] > 1.5 * band.damping_ratio[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "damping"),
     [
@@ -156,6 +158,7 @@ def test_a_mode_or_a_curve_may_have_no_force():
     assert (band.mode, band.measured.size) == (1, 2 * AMPLITUDE.size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_curves", [1, 3])
 def test_dampers_of_another_kind_are_told(n_curves):
     curves = tuple(each for each in measured(FRICTION, 0) if each.name[-1] in "012"[:n_curves])
@@ -163,6 +166,7 @@ def test_dampers_of_another_kind_are_told(n_curves):
     assert any("these dampers do not lose the measured energy" in each for each in found.all_warnings)
 
 
+@pytest.mark.slow
 def test_an_error_that_does_not_grow_with_the_force_is_within_the_interval_if_it_is_stated():
     linear = ModelClass("both", (SPRING, LINEAR_TERM, QUADRATIC_TERM))
     right = measured(BOTH, 0, gain_std=0.0)
@@ -197,6 +201,7 @@ def test_a_wrong_gain_of_the_force_is_within_the_interval_only_if_it_is_stated()
         assert found.classes[0].estimates["theta_2"].holds(1.0) == holds
 
 
+@pytest.mark.slow
 def test_confusion_of_classes_draws_forces_too():
     found = update_study(study(measured(BOTH, 0), n_confused=3))
     assert found.confusion is not None
@@ -252,6 +257,7 @@ def test_slopes_of_the_likelihood_with_a_force_are_its_derivatives():
         np.testing.assert_allclose(slopes[:, column], by_difference, rtol=1e-3, atol=1e-3 * np.abs(slopes).max())
 
 
+@pytest.mark.slow
 def test_the_no_u_turn_sampler_finds_a_damper_by_the_force():
     pytest.importorskip("nutpie")
     given = study(measured(BOTH[1:], 0), damping=dict.fromkeys((1, 2), RATIO), sampler="nuts", n_samples=1000)

@@ -94,6 +94,7 @@ def test_an_iwan_joint_is_that_of_its_sliders(over):
 # ---- decays ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("world", WORLDS)
 def test_a_named_joint_is_found_with_intervals_that_hold(world, seed):
@@ -133,6 +134,7 @@ def test_the_model_of_the_law_predicts_the_decay(world):
     assert np.sqrt(np.mean((motion - measured) ** 2)) < 0.05 * np.sqrt(np.mean(measured**2))
 
 
+@pytest.mark.slow
 def test_repeats_have_one_joint():
     decays = [follow(ring("dahl"), "dahl_friction", seed) for seed in range(2)]
     both = law_of_decays(decays, memory="dahl_friction")
@@ -151,6 +153,7 @@ def test_a_result_tells_the_joint():
     assert "(Jenkins)" in writing.text(decay)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", WORLDS)
 def test_a_joint_is_found_where_powers_friction_and_slip_miss_the_decay(world):
     law = follow(ring(world), None, 2).fitted
@@ -161,6 +164,7 @@ def test_a_joint_is_found_where_powers_friction_and_slip_miss_the_decay(world):
     assert any("do not explain the decay, but" in each for each in law.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(1, 4))
 def test_a_slider_is_found_by_its_name_and_never_told_by_an_exponent(seed):
     # Beside a damping ratio of 1 % the windows round its corner off.

@@ -72,6 +72,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_found_and_nothing_else(fault):
     gear, lower, upper, expected = FAULTS[fault]
@@ -152,6 +153,7 @@ def test_a_ground_spring_that_holds_a_fit_in_a_worse_minimum_is_taken_out():
     np.testing.assert_allclose(fit.theta[:4], before.theta[:4], rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.8, 1.2])
 def test_a_fault_that_is_not_let_in_is_told_and_takes_the_intervals(gain):
     result = identify(study_of(seed=3, duration_s=12, upper_sensor=Sensor(gain=gain)), law=LAW)
@@ -212,6 +214,7 @@ OF_A_BODY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", ["coupled", "sound", "bending"])
 def test_a_coupling_promises_to_help_before_laws_are_searched_where_there_is_one(world):
     """Each aircraft rubs, and is fitted without friction."""
@@ -238,6 +241,7 @@ def test_a_gain_of_one_sensor_of_an_aircraft_that_is_stated_is_found():
     assert found.warnings == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", list(OF_A_BODY))
 def test_a_fault_of_one_sensor_of_an_aircraft_is_found(fault):
     channels, faults, expected = OF_A_BODY[fault]

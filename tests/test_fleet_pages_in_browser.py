@@ -309,6 +309,7 @@ def test_a_telephone_shows_the_whole_table_with_the_reasons(narrow_index):
     assert box["x"] + box["width"] <= 480
 
 
+@pytest.mark.slow
 def test_stacked_panels_have_their_labels_and_no_gap_below(narrow_index):
     choose(narrow_index, "A f1")
     chart = narrow_index.page.locator("[data-chart=laws]")

@@ -90,6 +90,7 @@ def test_a_load_cell_gives_the_mass_from_one_run(tmp_path, taxi_runs):
     assert assert_holds(calibrated).std < 0.006 * TRUE_KG
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "unit"), [(3e-7, "1"), (2.0, "V"), (1.0, "N")])
 def test_a_strain_gauge_compares_the_masses_of_the_runs(tmp_path, unlike_runs, factor, unit):
     """Its gain is unknown but the same in both runs, so that it tells the ratio of the masses, whatever the springs."""
@@ -109,6 +110,7 @@ def test_a_strain_gauge_gives_no_mass_from_one_run(tmp_path, taxi_runs):
     assert not result.evidence[0].gains_of_forces
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gains", [(1.0, 1.005), (1.0, 0.996), (1.0, 1.02), (1.0, 0.98), (1.0, 1.03)])
 @pytest.mark.parametrize("channels", [STRAIN, FORCE])
 def test_a_gain_that_differs_between_the_runs_is_within_the_interval(tmp_path, taxi_runs, unlike_runs, channels, gains):
@@ -133,6 +135,7 @@ def test_a_gain_that_the_change_of_mass_contradicts_is_not_used(tmp_path, taxi_r
     assert abs(found.value - gain) < 3 * found.std
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channels", [FORCE, STRAIN])
 @pytest.mark.parametrize("n_runs", [1, 2])
 def test_a_sensor_beside_the_damper_gives_no_mass(tmp_path, taxi_runs, channels, n_runs):
@@ -269,6 +272,7 @@ def test_forces_need_the_springs_that_they_measure(tmp_path, taxi_runs):
     assert result.parameters.ground_stiffness_n_per_m.value in (None, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("channels", "n_runs"), [(FORCE, 1), (FORCE, 2), (STRAIN, 2)])
 def test_a_plan_knows_that_gains_differ_between_runs(tmp_path, unlike_runs, channels, n_runs):
     result = identify(write(tmp_path, unlike_runs, channels, n_runs=n_runs))
@@ -313,6 +317,7 @@ def write_aircraft(directory, interfaces, tables, *, n_runs=2):
     return directory / "study.toml"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("interfaces", "tables", "n_runs"),
     [
@@ -334,6 +339,7 @@ def test_struts_of_an_aircraft_are_read(tmp_path, interfaces, tables, n_runs):
         assert abs(estimate.value - gear.suspension_stiffness_n_per_m) < 3.5 * estimate.std
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_runs", [1, 2])
 def test_one_wrong_cell_of_three_gives_no_wrong_mass(tmp_path, n_runs):
     """With one run nothing says which of them is wrong; with two the changes of mass do."""

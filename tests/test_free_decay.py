@@ -110,6 +110,7 @@ def spoilt(signal, how):
     }[how]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "how",
     [
@@ -202,6 +203,7 @@ def test_a_bolted_joint_shows_its_backbone():
     assert np.abs(decay.damping_ratio / zeta - 1.0)[top].max() < 0.04
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_curves_without_a_law_carry_their_scatter(seed):
     """A joint that stops to slip within the record, where the damping falls steeply, and that the law may not have."""
@@ -222,6 +224,7 @@ def test_curves_without_a_law_carry_their_scatter(seed):
     assert all(each.holds(value) for each, value in zip(found.joint_estimates.values, truth, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("noise", [0.003, 0.03])
 def test_two_linear_modes_whose_beat_is_longer_than_the_decay_are_no_law(seed, noise):
@@ -232,6 +235,7 @@ def test_two_linear_modes_whose_beat_is_longer_than_the_decay_are_no_law(seed, n
         assert (np.abs(decay.frequency_hz - truth) < 1.96 * decay.frequency_std_hz).mean() > 0.9
 
 
+@pytest.mark.slow
 def test_repeats_of_two_linear_modes_are_no_law_either():
     orders = {"stiffness_order": 3, "damping_order": 2}
     decays = [free_decay(two_close_modes(seed), fs=1024.0, near_hz=60.0, **orders) for seed in range(2)]
@@ -239,6 +243,7 @@ def test_repeats_of_two_linear_modes_are_no_law_either():
         pool_decays(decays, **orders)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [0.1, 0.2, 1.0])
 def test_a_weakly_nonlinear_mode_is_not_taken_for_two(level):
     signal = motion(level=level * LEVEL)[2]
@@ -308,6 +313,7 @@ def test_a_ramp_is_no_oscillation():
         free_decay(np.arange(4096) / 1024, fs=1024.0, start_s=0.0)
 
 
+@pytest.mark.slow
 def test_a_mode_that_gains_energy_has_no_interval_of_its_damping():
     """A limit cycle that is approached from above: its damping is negative at small amplitude."""
     omega, fs = 2 * np.pi * 30, 1024.0

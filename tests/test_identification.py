@@ -114,6 +114,7 @@ def test_equal_masses_give_ratios_only():
     np.testing.assert_allclose(result.law.vector, [400 / 1850, 0.02], rtol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize(
     ("name", "duration_s"), [("arctan_velocity", 20), ("cubic_stiffness", 12), ("quadratic_damping", 20)]
@@ -140,6 +141,7 @@ def test_a_second_run_of_ten_seconds_is_enough_for_every_step(study):
     assert low < 1850.0 < high
 
 
+@pytest.mark.slow
 def test_a_clipped_channel_is_named_in_the_warnings(study):
     log = study.runs[0].recording
     clipped = np.clip(log.channel("lower_z"), -2.0, 2.0)
@@ -172,6 +174,7 @@ def test_the_driven_model_with_a_wrong_law_says_so_and_its_intervals_hold_the_tr
     assert stiffness.value is None or stiffness.holds(TRUTH.suspension_stiffness_n_per_m)
 
 
+@pytest.mark.slow
 def test_swapped_and_mute_channels_are_refused(study):
     swapped = study_of_gear("taxi", sprung="lower_z", unsprung="upper_z", runs=study.runs)
     result = identify(swapped, law="linear")
@@ -184,6 +187,7 @@ def test_swapped_and_mute_channels_are_refused(study):
         identify(gear_study(Run("heavy", mute)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 9.80665])
 def test_a_run_in_another_unit_than_the_others_is_told(study, factor):
     """Both of its channels agree, and only the law contradicts it."""
@@ -306,6 +310,7 @@ def test_stated_corners_that_are_there_are_no_contradiction():
     assert not contradictions(result)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tolerance", "gain", "words"), [(0.002, 1.1, "or more"), (0.002, 0.9, "or less")])
 def test_a_fact_that_ends_at_a_bound_is_told_as_a_bound(tolerance, gain, words):
     """A gain is looked for within eight standard deviations of what is stated."""

@@ -100,6 +100,7 @@ def test_what_is_left_of_each_run_is_shown(compared):
     assert compared.options.law == LAW
 
 
+@pytest.mark.slow
 def test_gears_that_stand_alone_are_told_from_an_aircraft():
     found = identify(study("auto", runs=gears_apart()), law=LAW)
     assert found.structure == "single"
@@ -291,6 +292,7 @@ def test_a_fuselage_that_bends_is_told_and_its_numbers_withheld():
     assert all(each.stiffness.interval95 is None for each in found.interfaces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fraction", [0.2, 10.0])
 def test_noise_of_all_sensors_that_the_runs_contradict_is_named(compared, fraction):
     found = identify(study(noise_m_per_s2=fraction * NOISE), law=LAW)
@@ -308,6 +310,7 @@ def test_noise_of_all_sensors_that_the_runs_contradict_is_named(compared, fracti
         assert mine.std == pytest.approx(right.std, rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "fraction", "is_given"), [(0, 0.1, True), (1, 0.1, True), (2, 0.03, False)])
 def test_a_force_that_nobody_measured_widens_the_intervals_of_an_aircraft_and_bends_nothing(
     monkeypatch, seed, fraction, is_given
@@ -349,6 +352,7 @@ def test_a_fuselage_that_bends_is_refused_under_a_force_that_nobody_measured_too
     assert not any(each.recommended for each in found.candidates)
 
 
+@pytest.mark.slow
 def test_loadings_that_were_not_there_are_not_believed():
     """A wrong mass would scale everything and be seen by nobody; a wrong place is seen."""
     runs = short_runs()

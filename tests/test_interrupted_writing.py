@@ -133,6 +133,7 @@ def test_a_stop_at_any_step_leaves_the_old_or_the_new(stop, older, tmp_path):
 # ---- commands and signals ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["taxi", "law", "decay", "inspect"])
 def test_an_interrupted_command_leaves_nothing_or_all(name, tmp_path):
     """`benchmarks/interrupted_runs.py` does it for every command, at more moments."""

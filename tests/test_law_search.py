@@ -57,6 +57,7 @@ FROM_TO = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("start", "truth"), FROM_TO, ids=lambda name: name)
 def test_the_true_law_is_found(start, truth):
     law = default_law(truth)

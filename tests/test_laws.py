@@ -262,6 +262,7 @@ def test_the_linear_law_is_no_force():
     assert LINEAR.parameter_gradient(Z, V).shape == (*Z.shape, 0)
 
 
+@pytest.mark.slow
 def test_a_changed_law_renews_the_compiled_kernels(tmp_path):
     # numba stamps its cache with the file of a kernel alone: without the digest the old code would run on
     package = tmp_path / "opid"

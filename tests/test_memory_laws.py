@@ -68,6 +68,7 @@ def _rate(name, h, v, inner):
     return v - h / inner[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 0.1])
 @pytest.mark.parametrize("name", ["dahl_friction", "bouc_wen", "lugre_friction", "maxwell_arm"])
 def test_a_motion_is_that_of_solve_ivp(name, scale):
@@ -186,6 +187,7 @@ def _predicted(interfaces, *, ground=False, correct=False, sensitivity=True):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2])
 @pytest.mark.parametrize("name", [*NAMES, "cubic_stiffness+dahl_friction", "coulomb_friction+bouc_wen+maxwell_arm"])
 def test_derivatives_are_those_of_the_steps(name, n):
@@ -294,6 +296,7 @@ def _study_of(gear, seed=0, duration_s=20):
     return gear_study(Run("heavy", test.heavy.recording), Run("light", test.light.recording, test.mass_change_kg))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dahl_friction", "bouc_wen", "lugre_friction", "maxwell_arm"])
 def test_a_law_that_remembers_is_found(name):
     gear = replace(LandingGear(), law=default_law(name))
@@ -336,6 +339,7 @@ def test_presliding_within_a_sample_is_not_told_from_damping():
     assert found.parameters.sprung_mass_kg.holds(1850.0)
 
 
+@pytest.mark.slow
 def test_two_memories_at_once_are_no_damping():
     """A searched law has one of them: what the other leaves must not pass for a damper that is known well."""
     both = default_law("dahl_friction") + law("maxwell_arm", stiffness_n_per_m=8e4, relaxation_s=0.03)
@@ -431,6 +435,7 @@ def joint():
     return gear, gear_study(*runs)
 
 
+@pytest.mark.slow
 def test_a_joint_of_sliders_is_found_with_what_is_beside_it(joint):
     gear, study = joint
     found = identify(study)
@@ -441,6 +446,7 @@ def test_a_joint_of_sliders_is_found_with_what_is_beside_it(joint):
     assert found.residual_over_noise < 1.2
 
 
+@pytest.mark.slow
 def test_a_damper_beside_sliders_is_as_uncertain_as_twenty_of_them_stand_for_many(joint):
     """The mass is right, and the interval of the damper holds what twenty elements cost."""
     gear, study = joint

@@ -325,6 +325,7 @@ CASES |= {"origin": gear_with_origin, "weight": body_under_its_weight}
 CASES |= {"own structure under weight": two_laws_under_their_weight, "known mass": known_mass_that_departs}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_derivatives_of_every_entry_are_those_of_differences(case):
     model, theta = CASES[case]()

@@ -278,6 +278,7 @@ def test_measured_points_at_an_interaction_are_told(wing_structure):
     assert describe_interactions(backbone_data(system, measured, harmonics=(1,)), PAPERS_CUBIC, [WING_THETA]) == []
 
 
+@pytest.mark.slow
 def test_a_band_runs_smoothly_past_an_interaction(wing):
     system, measured = wing
     data = backbone_data(system, measured)

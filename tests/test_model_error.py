@@ -246,6 +246,7 @@ def test_the_same_aircraft_on_one_road_under_both_wheels_is_identified():
     assert result.warnings == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_an_unrecorded_leak_widens_the_interval_until_it_holds_the_mass(seed):
     leaking = Sensor(cross_axis=0.03)
@@ -256,6 +257,7 @@ def test_an_unrecorded_leak_widens_the_interval_until_it_holds_the_mass(seed):
     assert not result.evidence[0].whiteness.white
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fraction", [0.03, 0.1])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_force_that_nobody_measured_widens_the_interval_and_bends_nothing(seed, fraction):
@@ -308,6 +310,7 @@ def test_a_law_that_is_not_known_limits_the_answer_to_equivalents(seed):
     assert low < result.equivalents[0].natural_frequency_hz.value < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("travel_m", [0.5e-3, 8e-3])
 def test_the_damping_of_friction_that_remembers_is_what_it_dissipates_over_the_motion(travel_m):
     """Friction that bends much before it slides takes far less than its full force over all of the way."""
@@ -466,6 +469,7 @@ def test_one_run_alone_gives_ratios():
         assert estimate.std < 0.01 * true
 
 
+@pytest.mark.slow
 def test_a_given_law_without_the_stop_that_one_run_hit_gets_no_mass():
     """What both weights leave alike is no force that nobody measured where a law of the library would explain it."""
     stop = law("bump_stop", stiffness_n_per_m=2e6, gap_m=0.012)

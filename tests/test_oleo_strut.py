@@ -93,6 +93,7 @@ def test_a_gear_needs_a_spring_or_gas():
         LandingGear(suspension_stiffness_n_per_m=0.0)
 
 
+@pytest.mark.slow
 def test_a_run_so_light_that_its_strut_rests_on_its_stop_is_said_to():
     """The gas gives up F0 (1 - h/(h + g)) on the way to the stop; the rest of the weight that is gone presses on it."""
     gap_m, removed_n = 0.008, 222.0 * GRAVITY_M_PER_S2
@@ -233,6 +234,7 @@ def gear_with_stop(gap_m):
     return LandingGear(suspension_stiffness_n_per_m=0.0, suspension_damping_n_s_per_m=2e3, law=LAW + stop)
 
 
+@pytest.mark.slow
 def test_a_strut_that_hits_its_bump_stop_tells_mass_and_gap():
     found = identify(strut_study(gear_with_stop(0.006)))
     assert set(found.law.name.split("+")) == {*VALUES, "bump_stop"}
@@ -258,6 +260,7 @@ def test_a_stop_that_was_not_reached_is_not_chosen_and_where_it_is_asked_for_wit
     assert "bump_stop was not reached" in opid.text(asked)
 
 
+@pytest.mark.slow
 def test_a_strut_of_gas_oil_and_a_seal_is_found_without_being_named(struts):
     """Integrated by the benchmark itself: none of what found it made it."""
     strut = struts.random_strut(4, "plain")
@@ -408,6 +411,7 @@ def flight_of_strut(length_m, number):
     return identify(study, law="gas_column")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("volume_factor", "words"), [(0.9, "a gas leak, less pressure"), (1.1, "an oil leak, more volume"), (1.0, None)]
 )

@@ -298,6 +298,7 @@ def test_paper_has_all_parts_open_and_small_charts_beside_each_other(update):
     assert update.evaluate(folds) == halves.count() == 0
 
 
+@pytest.mark.slow
 def test_compared_flights_are_sorted_by_a_value(browser, files_of):
     page = browser.new_page(bypass_csp=True)
     page.goto(files_of("compare").as_uri())

@@ -158,6 +158,7 @@ def test_friction_that_is_only_damping_is_named_as_inseparable():
     assert any("arctan_velocity.amplitude_n" in each and "cannot be told apart" in each for each in damper)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mass", "stiffness", "road"), [(1.25, 0.8, "C"), (0.8, 1.25, "A")])
 def test_a_guess_that_is_wrong_by_a_fifth_says_by_how_much_the_prediction_changes(mass, stiffness, road):
     right = replace(GUESS, search=ONLY_THESE)

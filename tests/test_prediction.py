@@ -285,6 +285,7 @@ def _plain_filter(world, frozen=None):
     return np.transpose(innovation), gains
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [NOISE, PUSHED], ids=["measured", "unmeasured"])
 @pytest.mark.parametrize(("n", "ground"), [(1, False), (1, True), (2, True)])
 def test_corrected_predictions_and_their_derivatives_are_those_of_a_plain_filter(n, ground, noise):

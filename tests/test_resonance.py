@@ -91,6 +91,7 @@ def test_stretches_of_one_drive_are_one_level_and_those_of_another_are_not():
         assert len(found) == n_levels, (change, volts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_every_level_is_read_once_and_a_loop_that_holds_the_drive_point_is_not_warned_of(seed):
     result = identify_resonance(held_study(seed, 40))

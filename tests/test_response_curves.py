@@ -145,6 +145,7 @@ def with_states(curves, seed, spread=3e-4):
     return [replace(each, frequency_hz=each.frequency_hz * (1 + spread * rng.standard_normal())) for each in curves]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("is_scattered", [False, True])
 def test_the_law_of_the_lower_curves_predicts_the_highest(seed, is_scattered):

@@ -140,6 +140,7 @@ def test_a_late_sensor_keeps_its_shape(sensor, delay_s, seed):
     assert any(f"sensor '{sensor}' comes" in each and "which the fit corrects" in each for each in found.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [3e-4, 1e-3, 1e-2])
 def test_sound_sensors_get_no_delay_and_no_warning(noise):
     """In 12 seeds of each noise."""
@@ -167,6 +168,7 @@ def rattle(response, sensor, fraction, seed):
     return replace(response, value=value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", ["middle", "tip"])
 def test_a_sensor_that_the_modes_do_not_explain_gets_wide_shapes_or_none(sensor):
     """In 8 seeds each: by the noise alone one interval in four would hold.

@@ -270,6 +270,7 @@ def detune(system, mode, fraction):
     return replace(system, eigenvalue=eigenvalue)
 
 
+@pytest.mark.slow
 def test_bands_hold_in_repeated_sets():
     """The errors are as large as they are stated, but the shapes have none, so that bands are rather too wide."""
     stated = {"linear_error": 0.004, "harmonic_error": 0.02, "harmonic_noise": 1e-4}
@@ -282,6 +283,7 @@ def test_bands_hold_in_repeated_sets():
     assert np.mean(shares) > 0.93
 
 
+@pytest.mark.slow
 def test_bands_without_an_error_of_the_shapes_are_as_wide_as_they_should_be():
     stated = {"linear_error": 0.004, "harmonic_error": 0.02, "harmonic_noise": 1e-4}
     exact = NoiseSettings(linear_shape_error=1e-6)
@@ -452,6 +454,7 @@ def test_a_study_file_has_harmonics_and_their_errors(tmp_path):
         np.testing.assert_array_equal(one.harmonics[4].amplitude, other.harmonics[4].amplitude)
 
 
+@pytest.mark.slow
 def test_a_study_compares_harmonics_and_changes_nothing_else():
     """Both phases: the factors of phase I move the modes that answer."""
     curves = synthetic_backbones(

@@ -89,6 +89,7 @@ def test_every_record_of_the_wing_can_be_passed_and_is_printed():
     assert asdict(Settings())["regression"]["n_passes"] == RegressionSettings().n_passes
 
 
+@pytest.mark.slow
 def test_settings_of_the_regression_reach_it():
     pytest.importorskip("pysindy")
     study, none = study_of(duration_s=12), Settings(regression=RegressionSettings(n_passes=0))

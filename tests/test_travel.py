@@ -114,6 +114,7 @@ def test_a_stated_noise_is_taken(tmp_path, test_runs):
     assert result.residual_over_noise < 0.7
 
 
+@pytest.mark.slow
 def test_a_coarse_encoder_widens_the_interval(tmp_path, test_runs):
     """Steps of 1 mm are a noise of 0.29 mm."""
     test, noises = test_runs
@@ -288,6 +289,7 @@ def write_pressures(directory, test_runs, channels, *, exponent=1.2, length_m=0.
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "world",
     [{}, {"exponent": 1.1}, {"length_m": 0.33}, {"warmer": 1.033}],

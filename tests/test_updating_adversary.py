@@ -321,6 +321,7 @@ def bent(curve):
     return replace(curve, frequency_hz=curve.frequency_hz * (1.0 - 0.1 * along * (1.0 - along)))
 
 
+@pytest.mark.slow
 def test_no_response_has_an_interval_where_any_mode_misfits(monkeypatch):
     """Theta is that of all modes: mode 1 fits, and its response is wrong all the same."""
     monkeypatch.setattr(identification, "UPDATING", replace(UPDATING, n_responses=20))
@@ -376,6 +377,7 @@ def list_ends(value, path=""):
             yield from list_ends(each, f"{path}[{number}]")
 
 
+@pytest.mark.slow
 def test_no_interval_and_no_band_stays_where_measurements_contradict_the_structure(monkeypatch):
     monkeypatch.setattr(identification, "UPDATING", replace(UPDATING, n_responses=20))
     own = ModelClass("both", (made_dampers.SPRING, made_dampers.LINEAR_TERM, made_dampers.QUADRATIC_TERM))
