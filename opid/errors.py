@@ -225,5 +225,14 @@ def escape_invisible(text: str) -> str:
     return INVISIBLE.sub(_escape_one, text)
 
 
+def escape_in_line(text: str) -> str:
+    r"""Return a text of one line: what is invisible stands there as Python writes it, ends of lines and tabs, too.
+
+    >>> escape_in_line("a\nb\tc\x1b")
+    'a\\nb\\tc\\x1b'
+    """
+    return escape_invisible(re.sub(r"[\n\r\t]", lambda found: repr(found[0])[1:-1], text))
+
+
 def _escape_one(found: re.Match[str]) -> str:
     return found[0] if found[0] in "\n\t" else found[0].encode("unicode_escape").decode("ascii")

@@ -268,6 +268,7 @@ def test_a_joint_of_another_kind_is_told(world, kind):
     assert abs(joint.values[0].value - truth[0]) < 3.0 * joint.values[0].std
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("world", "kind", "n"), [("stiffer", "iwan_friction", 3), ("damped", "dahl_friction", 2)])
 def test_a_joint_beside_a_power_that_nobody_names_is_found(world, kind, n):
     fit = identify_modes(study_of(beats_of(world, 0, FEW), memory=kind)).fits[0]
@@ -278,6 +279,7 @@ def test_a_joint_beside_a_power_that_nobody_names_is_found(world, kind, n):
         assert estimate.value == pytest.approx(truth, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_joint_that_nobody_names_is_taken_where_all_else_leaves_far_more():
     """With a force that is 3 % too large the true joint leaves more than noise, too."""
     tests = beats_of("dahl", 0, FEW)

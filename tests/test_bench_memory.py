@@ -71,6 +71,7 @@ def bench_of(z, v, force, seed=0):
     return Bench(z, v, force + noise, FS, 0.0, "recorded", None, names, ())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRUTHS)
 def test_a_law_that_remembers_is_found(name):
     time_s, z, v = motion(1)
@@ -101,6 +102,7 @@ def test_a_record_may_begin_in_the_middle_of_a_motion(name):
     np.testing.assert_allclose(found.law.vector[:2], truth.vector[:2], rtol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begin", [0, 1137], ids=["from rest", "in mid-motion"])
 @pytest.mark.parametrize(
     "truth",

@@ -67,7 +67,7 @@ def test_an_older_result_is_not_overwritten(words, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", [".opid.part", ".out.part", ".opid.part/deeper"])
 def test_the_name_of_a_result_that_is_not_complete_is_refused(name, field_test, tmp_path):
     done = opid("inspect", field_test / "heavy.csv", "--out", tmp_path / name)
-    refused(done, "hidden names that end in .part", "choose another name")
+    refused(done, "under hidden names that end in .part", "choose another name")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -156,6 +156,7 @@ def test_coarse_steps_are_not_clipping():
     assert not any("clipped" in each for each in decay.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duration_s", [0.35, 0.6, 1.0])
 @pytest.mark.parametrize("orders", [(1, 1), (3, 3)])
 def test_orders_that_leave_friction_out_tell_no_wrong_damping(orders, duration_s):
@@ -202,6 +203,7 @@ def humming(seed, level, base=50.0, cubic=0.0):
     return whole + top * (level * np.sin(turn) + 5e-4 * rng.standard_normal(whole.size)), frequency, zeta
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cubic", [0.0, 0.05])
 @pytest.mark.parametrize("level", [0.001, 0.002, 0.005])
 def test_hum_in_the_frequency_of_the_mode_is_subtracted(level, cubic):
@@ -217,6 +219,7 @@ def test_hum_in_the_frequency_of_the_mode_is_subtracted(level, cubic):
     assert np.sqrt(np.mean(np.square(scores))) < 2.2
 
 
+@pytest.mark.slow
 def test_no_hum_is_found_where_there_is_none():
     for seed in range(10):
         base, cubic = (50.0, 60.0)[seed % 2], (0.0, 0.05, -0.03)[seed % 3]

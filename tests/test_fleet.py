@@ -117,6 +117,7 @@ def test_the_threshold_is_that_of_student_where_the_scatter_is_estimated():
 # ---- what is flagged ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_three_percent_in_one_of_two_hundred_struts_is_found_within_three_flights():
     found = np.array([try_harmed(seed) for seed in range(6)])
     assert found[:, 1].all()
@@ -125,6 +126,7 @@ def test_three_percent_in_one_of_two_hundred_struts_is_found_within_three_flight
     assert found[:, 2].sum() <= 14
 
 
+@pytest.mark.slow
 def test_unharmed_fleets_of_any_kind_and_seasons_raise_hardly_an_alarm():
     alarms, years = np.sum([try_unharmed(seed, 0.1) for seed in range(12)], axis=0)
     assert alarms <= 2 + 0.4 * years
@@ -253,6 +255,7 @@ def test_one_mistyped_date_allows_no_further_alarm():
     assert len(found.changes) <= 1
 
 
+@pytest.mark.slow
 def test_struts_that_scatter_more_and_flights_that_are_far_off_are_no_changes():
     counted = 0
     for seed in range(8):

@@ -275,6 +275,12 @@ def test_a_table_is_as_wide_as_it_is_shown():
     text = lay_out_text(Document("names", "", "", None, (Table(columns, rows),)))
     assert max(map(len, text.splitlines())) <= 80
     assert 4 * "a\\x01b" in text
+    prose = lay_out_text(Document("names", "", 30 * "ab\x01c ", None, (Paragraph(30 * "ab\x01c "),)))
+    assert max(map(len, prose.splitlines())) <= 80
+    head, row = lay_out_text(
+        Document("names", "", "", None, (Table(build_columns("a\nb", "c\td"), (("x", "1"),)),))
+    ).splitlines()[-2:]
+    assert (head, row.split()) == ("a\\nb  c\\td", ["x", "1"])
     assert "\U0001f469\u200d\U0001f527" in text
 
 

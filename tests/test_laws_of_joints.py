@@ -98,6 +98,7 @@ def test_slopes_of_backbones_are_those_of_differences(kinds, joints, values, har
             assert np.abs(slope[..., number] - numeric).max() < 1e-6 * np.abs(numeric).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_which_joint_has_which_law_is_found(seed):
     curves = synthetic_backbones(

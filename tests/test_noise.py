@@ -142,6 +142,7 @@ def test_what_a_wrong_law_leaves_of_a_filtered_log_is_no_noise(of_filtered_logs)
 STATED = "the stated noise of the sensors"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stated", "said"),
     [

@@ -211,6 +211,7 @@ def test_a_delay_is_found_with_an_interval_that_holds(delay_s):
     assert max(each.std for each in found) < 1e-6
 
 
+@pytest.mark.slow
 def test_few_lines_at_resonance_tell_a_delay_less_well():
     """There a delay and the damping turn the force alike: intervals widen, and still hold."""
     clean = measured(softening(), beat(4.0, whole_s=24.0))
@@ -310,6 +311,7 @@ WORLDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", WORLDS)
 def test_intervals_hold_the_law_where_an_assumption_is_wrong(world):
     """In 4 seeds the law by the noise alone is off by many of its standard deviations; the given bands hold it."""

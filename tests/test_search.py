@@ -414,6 +414,7 @@ def test_the_search_finds_friction_at_every_gear_and_goes_on_with_all_readings(f
     assert found.residual_over_noise < 1.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fs", "is_told"), [(512, True), (256, False)])
 def test_friction_that_turns_over_within_a_step_is_fitted_with_shorter_ones(monkeypatch, fs, is_told):
     """Where it turns over between two samples, too, no step helps: damping is told without an interval."""

@@ -163,6 +163,7 @@ def test_the_report_tells_where_each_piece_of_a_spline_begins():
     assert "late cubic from 0.5 mm" in told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_spline_holds_a_law_of_which_no_power_is(seed):
     """Its band holds the true force, and widens where no test was."""
@@ -184,6 +185,7 @@ def test_a_spline_holds_a_law_of_which_no_power_is(seed):
     assert not any("the data do not need the term" in each for each in found.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_spline_comes_behind_the_cubic_law_where_that_is_true(seed):
     data = measure(POWERS[1], (0.6,), seed)
@@ -197,6 +199,7 @@ def test_a_spline_comes_behind_the_cubic_law_where_that_is_true(seed):
     assert np.mean((low <= true) & (true <= high)) >= 0.8
 
 
+@pytest.mark.slow
 def test_a_law_with_a_corner_is_told_not_to_be_a_spline():
     gap = ModelClass("gap", (UncertainTerm("dead_zone_stiffness", (STIFFNESS, 6e-4), (Prior(), None)),))
     data = measure(gap, (1.0,), 0)
@@ -205,6 +208,7 @@ def test_a_law_with_a_corner_is_told_not_to_be_a_spline():
     assert found.log_evidence > spline.log_evidence + 10
 
 
+@pytest.mark.slow
 def test_knots_that_no_curve_reaches_are_told_in_one_sentence_and_cost_nothing():
     data = measure(POWERS[1], (0.6,), 0)
     wide = (Prior(), Prior("uniform", -10, 10))

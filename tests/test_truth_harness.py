@@ -47,6 +47,7 @@ def taxi(law_name, *, weight):
     return gear, study_of_gear("taxi", sprung="upper_z", unsprung="lower_z", runs=runs, repeatability=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("identifier", IDENTIFIERS)
 @pytest.mark.parametrize("law_name", LAW_NAMES)
 def test_the_truth_is_found(law_name, identifier):

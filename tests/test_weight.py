@@ -97,6 +97,7 @@ def test_a_spring_that_cannot_carry_the_weight_is_named():
         find_rest([yielding], np.ones((1, 1)), np.array([-2e3]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cubic_stiffness", "gas_column"])
 def test_a_light_run_rests_where_its_weight_puts_it_and_the_mass_is_right(name):
     """A strut that hardens hard: without the weight the two runs are taken for two struts."""

@@ -56,14 +56,14 @@ def reserve_free(path: Path, names: tuple[str, ...], *, overwrite: bool) -> Rese
 
     Raises:
         InputError: the directory cannot be made or written to, another process writes into it, or a file exists and
-            may not be overwritten; or the directory is one of those that opid itself makes and removes.
+            may not be overwritten; or the directory is one of those that opid keeps for what is not complete.
     """
     from opid.signals.files import reserve_directory
 
-    if any(part.startswith(".") and part.endswith(".part") for part in path.parts):
+    if any(part.startswith(".") and part.endswith(".part") for part in Path(os.path.realpath(path)).parts):
         raise FileError(
-            f"cannot write into {path}: hidden names that end in .part are those of results that are not complete, and "
-            "are removed: choose another name"
+            f"cannot write into {path}: opid keeps results that are not complete under hidden names that end in .part: "
+            "choose another name"
         )
     reserved = click.get_current_context().with_resource(reserve_directory(path))
     for name in filter(lambda name: (reserved / name).is_dir(), names):

@@ -253,9 +253,20 @@ class Loop(Estimates):
         return Estimate(value, std, ends)
 
     def within(self, force_rms: float) -> Loop:
-        """Return the loop as it is reported beside the rms of the whole force, N, or per kg."""
+        """Return the loop as it is reported beside the rms of the whole force, N, or per kg.
+
+        An energy is left out if its interval is as wide as that of any force of this size, or if it has none and says
+        that the part feeds energy into the motion.
+
+        >>> [Loop(0.01, 1.0, Estimate(area)).within(10.0).area_j.value for area in (0.2, -0.2)]
+        [0.2, None]
+        """
         ends = self.area_j.interval95
-        if ends is None or ends[1] - ends[0] <= 8.0 * self.travel_amplitude_m * force_rms:
+        if ends is None:
+            is_told = (self.area_j.value or 0.0) >= 0.0
+        else:
+            is_told = ends[1] - ends[0] <= 8.0 * self.travel_amplitude_m * force_rms
+        if is_told:
             return self
         return Loop(self.travel_amplitude_m, self.frequency_hz, Estimate())
 

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Collection, Iterator, Sequence
 from itertools import zip_longest
 
-from opid.errors import escape_invisible
+from opid.errors import escape_in_line, escape_invisible
 from opid.report.document import Block, Column, Document, Paragraph, Remarks, Row, Table, end_sentence
 from opid.report.formulas import write_plain
 
@@ -18,13 +18,18 @@ _PATH = re.compile(r"(?<!\S)(?:~|\.{1,2}|[A-Za-z]:)?[/\\][^\n:;,'\"]*?\.\w{1,8}(
 _NO_BREAK = "\ue000"  # no text holds this character
 
 
-def wrap_text(text: str, head: str = "") -> list[str]:
+def wrap_text(text: str, head: str = "", files: Collection[str] = ()) -> list[str]:
     """Return a paragraph as lines of at most 80 characters with `head` before the first; only paths may be longer.
+
+    Neither what looks like a path nor any of these files is broken.
 
     >>> wrap_text("a " * 50, "Note: ")[1][:8]
     '      a '
     """
-    kept = _PATH.sub(lambda path: path[0].replace(" ", _NO_BREAK), write_plain(text))
+    words = escape_invisible(write_plain(text))
+    kept = _PATH.sub(lambda path: path[0].replace(" ", _NO_BREAK), words)
+    for file in map(escape_invisible, files):
+        kept = kept.replace(file, file.replace(" ", _NO_BREAK))
     lines = textwrap.wrap(
         kept,
         WIDTH,
@@ -40,10 +45,9 @@ def lay_out_text(document: Document) -> str:
     """Return a document for a terminal: paragraphs and aligned tables, without figures."""
     answer = f"Not determined: {end_sentence(document.not_determined)}" if document.not_determined else document.answer
     title = f"{document.title} ({document.about})" if document.about else document.title
-    for file in document.command or ():  # a title may name what the command reads
-        title = title.replace(file, file.replace(" ", _NO_BREAK))
-    blocks = [wrap_text(title), wrap_text(answer), *map(_lay_out_block, document.blocks)]
-    return escape_invisible("\n\n".join("\n".join(lines) for lines in blocks if lines) + "\n")
+    # a title may name what the command reads
+    blocks = [wrap_text(title, files=document.command or ()), wrap_text(answer), *map(_lay_out_block, document.blocks)]
+    return "\n\n".join("\n".join(lines) for lines in blocks if lines) + "\n"
 
 
 def _lay_out_block(block: Block) -> list[str]:
@@ -60,18 +64,14 @@ def _lay_out_block(block: Block) -> list[str]:
 def _lay_out_table(table: Table) -> list[str]:
     """The aligned rows below the names of their columns, with an empty line before each heading."""
     # a row of one cell is a heading, which is wrapped, and may hold a formula
-    rows = [tuple(map(_write_cell, row)) if len(row) > 1 else row for row in table.rows[: table.most_in_text]]
-    lines = _lay_out_rows([tuple(column.head for column in table.columns), *(r for r in rows if len(r) > 1)], table)
+    rows = [tuple(map(escape_in_line, row)) if len(row) > 1 else row for row in table.rows[: table.most_in_text]]
+    heads = tuple(escape_in_line(column.head) for column in table.columns)
+    lines = _lay_out_rows([heads, *(row for row in rows if len(row) > 1)], table)
     text = next(lines)
     for row in rows:
         text += next(lines) if len(row) > 1 else ["", *wrap_text(row[0])]
     more = len(table.rows) - len(rows)
     return text + [f"and {more} more in the report"] * (more > 0)
-
-
-def _write_cell(cell: str) -> str:
-    """Return a cell in one line, as wide as it is shown."""
-    return escape_invisible(re.sub(r"[\n\r\t]", lambda found: repr(found[0])[1:-1], cell))
 
 
 def _lay_out_rows(rows: Sequence[Row], table: Table) -> Iterator[list[str]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from opid.errors import escape_in_line
 from opid.estimate import format_number, format_percent
 from opid.report.document import (
     Block,
@@ -177,7 +178,7 @@ def _list_clock_blocks(clocks: Sequence[ClockHealth]) -> Iterator[Block]:
     elif len(clocks) > 1:
         titles = (clock.track or clock.channels[0] + ", ..." * (len(clock.channels) > 1) for clock in clocks)
         sentences = zip(titles, clocks, strict=True)
-        yield Remarks("Clock", tuple(f"{title}: {_say_clock(clock)}" for title, clock in sentences))
+        yield Remarks("Clock", tuple(f"{escape_in_line(title)}: {_say_clock(clock)}" for title, clock in sentences))
 
 
 def _say_clock(clock: ClockHealth) -> str:
@@ -294,7 +295,7 @@ def _say_lines(channel: ChannelHealth, lines: Sequence[SpectralLine]) -> str:
         for line in lines[:MOST_LINES]
     ]
     more = len(lines) - len(shown)
-    return f"{channel.name}: " + "; ".join(shown) + (f"; and {more} weaker" if more > 0 else "")
+    return f"{escape_in_line(channel.name)}: " + "; ".join(shown) + (f"; and {more} weaker" if more > 0 else "")
 
 
 # ---- pairs and findings ------------------------------------------------------------------------------
@@ -335,8 +336,11 @@ def _format_pair(pair: PairHealth) -> tuple[str, ...]:
 
 def _list_mountings(health: Health) -> Iterator[Remarks]:
     """How each three-axis accelerometer is mounted, and how two of them are turned against each other."""
-    sentences = [f"{name}: {say_orientation(found)}" for name, found in health.orientations.items()]
-    sentences += [f"{each.second} against {each.first}: {say_alignment(each)}" for each in health.alignments]
+    sentences = [f"{escape_in_line(name)}: {say_orientation(found)}" for name, found in health.orientations.items()]
+    sentences += [
+        f"{escape_in_line(each.second)} against {escape_in_line(each.first)}: {say_alignment(each)}"
+        for each in health.alignments
+    ]
     if sentences:
         yield Remarks("Orientation", tuple(sentences))
 
@@ -372,6 +376,6 @@ def _say_findings(findings: Sequence[Finding]) -> Iterator[str]:
 
 
 def _say_names(channels: Sequence[str]) -> str:
-    names = list(dict.fromkeys(filter(None, channels)))
+    names = list(dict.fromkeys(map(escape_in_line, filter(None, channels))))
     more = len(names) - MOST_CHANNELS // 5
     return ", ".join(names[: MOST_CHANNELS // 5]) + (f" and {more} more" if more > 0 else "")

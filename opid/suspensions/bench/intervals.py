@@ -11,8 +11,8 @@ Analysis, 2013, 2.5).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -157,12 +157,19 @@ def _find_calibration(
         values = np.zeros(n_values)
         values[: powers.size] = powers * np.concatenate([fit.weights, fit.law.vector])
         covariance += std**2 * np.outer(values, values)
-    # A lag adds a force that is not proportional to it: it is added up at the lag that was found before.
-    lag_s, told, by_unknowns = 0.0, tuple[CalibrationError, ...](), np.zeros_like(covariance)
-    for _ in range(known.lag_passes):
-        told, by_unknowns = _tell_unknowns(_list_unknowns(bench, fit, refined, known, lag_s), data, known)
-        lag_s = next((each.found.value or 0.0 for each in told if each.name is CalibrationName.LAG), 0.0)
-    return (*errors, *told), covariance + by_unknowns
+    unknowns = _list_unknowns(bench, fit, refined, known)
+    calibration, by_unknowns = _tell_unknowns(unknowns, data, known)
+    if refined is None and unknowns and unknowns[0].name is CalibrationName.LAG:
+        # The force that a lag adds is not proportional to it, so it is computed at the lag that was found before.
+        add_force, previous = _add_late_force(bench), 0.0
+        for _ in range(known.most_lag_passes):
+            lag = calibration[0].found
+            if lag.value is None or abs(lag.value - previous) <= known.lag_moves * (lag.std or 0.0):
+                break
+            previous = lag.value
+            unknowns[0] = replace(unknowns[0], column=add_force(previous))
+            calibration, by_unknowns = _tell_unknowns(unknowns, data, known)
+    return (*errors, *calibration), covariance + by_unknowns
 
 
 def _tell_unknowns(
@@ -234,9 +241,9 @@ class _Unknown:
 
 
 def _list_unknowns(
-    bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, known: CalibrationSettings, lag_s: float
+    bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, known: CalibrationSettings
 ) -> list[_Unknown]:
-    """Return what is not exact and adds a force, where the test has it; `lag_s` is about how late the force comes."""
+    """Return what is not exact and adds a force, where the test has it; the lag is the first."""
     if bench.is_quasi_static:
         return []
     tolerances, samples = bench.tolerances, bench.samples
@@ -246,10 +253,7 @@ def _list_unknowns(
     if mass_kg is None:
         mass_kg = known.mass_per_force * float(np.abs(bench.force[samples] - np.mean(bench.force[samples])).max())
     # A motion that is simulated from a late force is late itself.
-    if refined is None:
-        late = -_average_ahead(rate_of(bench.force, fs=bench.fs)[0], lag_s, fs=bench.fs)
-    else:
-        late = _average_ahead(bench.velocity, -lag_s, fs=bench.fs)
+    late = -rate_of(bench.force, fs=bench.fs)[0] if refined is None else bench.velocity
     found = [_Unknown(CalibrationName.LAG, "s", believed_s, late[samples])]
     if refined is None and bench.mass_kg is None:
         found.append(_Unknown(CalibrationName.MASS, "kg", mass_kg, rate_of(bench.velocity, fs=bench.fs)[0][samples]))
@@ -258,19 +262,25 @@ def _list_unknowns(
     return [each for each in found if each.tolerance > 0.0]
 
 
-def _average_ahead(rate: FloatArray, seconds: float, *, fs: float) -> FloatArray:
-    """Return the average of a signal from each sample to so many seconds after it, or before it if negative.
+def _add_late_force(bench: Bench) -> Callable[[float], FloatArray]:
+    """Return what gives (n,), for a lag in s, the force that it adds over the lag: minus its mean rate until so late.
 
-    >>> _average_ahead(np.arange(6.0), 0.02, fs=100.0)[:4].round(6).tolist()
-    [1.0, 2.0, 3.0, 4.0]
+    >>> time = np.arange(400) / 100.0
+    >>> bench = Bench(time, np.ones(400), np.sin(2 * time), 100.0, 0.0, "recorded", None, {}, ())
+    >>> added = 0.1 * _add_late_force(bench)(0.1)
+    >>> bool(np.abs(added - np.sin(2 * time) + np.sin(2 * (time + 0.1)))[50:-50].max() < 0.002)
+    True
     """
     from scipy.interpolate import CubicSpline
 
-    if abs(seconds) * fs < 1e-6:
-        return rate
-    time = np.arange(rate.size) / fs
-    total = CubicSpline(time, rate).antiderivative()
-    return np.asarray((total(np.clip(time + seconds, 0.0, time[-1])) - total(time)) / seconds)
+    time = np.arange(bench.force.size) / bench.fs
+    total = CubicSpline(time, rate_of(bench.force, fs=bench.fs)[0]).antiderivative()
+
+    def add(lag_s: float) -> FloatArray:
+        mean = (total(np.clip(time + lag_s, 0.0, time[-1])) - total(time)) / lag_s
+        return np.asarray(-mean[bench.samples])
+
+    return add
 
 
 def _list_slow_unknowns(bench: Bench, fit: SeparableFit, known: CalibrationSettings) -> list[_Unknown]:

@@ -131,8 +131,9 @@ class CalibrationSettings:
         told_sigma: standard deviations from zero at which a lag or a mass that the record shows is told, and at which
             the record is believed in the place of the tolerance: chance does that once in 16,000 records.
         told_of_tolerance: ... if it is also this multiple of its tolerance.
-        lag_passes: how often the force that a lag adds is computed, each time at the lag found before: proportional to
-            it, a lag of 2 ms in a motion of 12 Hz was 10 % too long.
+        lag_moves: part of its standard deviation by which a lag moves at most between two passes when it is found: to
+            first order, one of 2 ms in a motion of 12 Hz was 10 % too long.
+        most_lag_passes: passes after which the lag is that of the last; lags of 10 ms needed eight.
     """
 
     samples_of_lag: float = 0.5
@@ -141,7 +142,8 @@ class CalibrationSettings:
     least_seen: float = 1e-6
     told_sigma: float = 4.0
     told_of_tolerance: float = 2.0
-    lag_passes: int = 3
+    lag_moves: float = 0.1
+    most_lag_passes: int = 20
 
 
 def _search() -> SearchSettings:
