@@ -210,7 +210,9 @@ def _tell_unknowns(
     alone = np.diag(
         [value**2 if value > each.tolerance else 0.0 for value, each in zip(believed.tolist(), unknowns, strict=True)]
     )
-    return errors, moves @ (posterior + np.outer(mean, mean) + alone) @ moves.T
+    squares, axes = np.linalg.eigh(posterior + np.outer(mean, mean) + alone)
+    moved = moves @ axes * np.sqrt(np.maximum(squares, 0.0))
+    return errors, moved @ moved.T
 
 
 def _widen_tolerance(

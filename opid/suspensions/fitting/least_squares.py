@@ -452,16 +452,20 @@ def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDAr
     >>> covariance = clustered_covariance(np.ones((4000, 1)), rng.standard_normal(4000), np.arange(4000) // 4)
     >>> round(float(4000 * covariance[0, 0]), 1)
     1.0
+    >>> alike = np.ones((4000, 2)) + np.outer(rng.standard_normal(4000), [0.0, 1e-9])
+    >>> bool(np.all(np.diag(clustered_covariance(alike, rng.standard_normal(4000), np.arange(4000) // 4)) > 1e14))
+    True
     """
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
     scale = np.where(scale > 0.0, scale, 1.0)
     scaled = jacobian / scale
     # The inverse is that of the columns and not of their products, so that parameters that are known a million times
     # less well than others keep their accuracy.
-    root = np.linalg.pinv(np.linalg.qr(scaled)[1], rcond=1e-13)
-    inverse = root @ root.T
-    factor, products = score_products(scaled, residual, cells)
-    return factor * inverse @ products @ inverse / np.outer(scale, scale)
+    across, triangle = np.linalg.qr(scaled)
+    factor, scores = _add_scores(across, residual, cells)
+    # As a product of one matrix with itself it has no variance below zero where columns are nearly alike.
+    moved = np.sqrt(factor) * scores @ np.linalg.pinv(triangle, rcond=1e-13).T / scale
+    return moved.T @ moved
 
 
 def score_products(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> tuple[float, FloatArray]:
@@ -470,8 +474,14 @@ def score_products(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np
     >>> score_products(np.ones((4, 1)), np.array([1.0, 1.0, 1.0, -1.0]), np.array([0, 0, 1, 1]))
     (2.0, array([[4.]]))
     """
+    factor, scores = _add_scores(jacobian, residual, cells)
+    return factor, scores.T @ scores
+
+
+def _add_scores(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> tuple[float, FloatArray]:
+    """Return the small-sample factor, and the scores added up over cells, (n_cells, n_parameters)."""
     _, index = np.unique(cells, return_inverse=True)
     n_cells, n_parameters = int(index.max()) + 1, jacobian.shape[1]
     scores = np.zeros((n_cells, n_parameters))
     np.add.at(scores, index, jacobian * residual[:, np.newaxis])
-    return n_cells / max(n_cells - n_parameters, 1), scores.T @ scores
+    return n_cells / max(n_cells - n_parameters, 1), scores
