@@ -435,14 +435,14 @@ class _Fit:
             np.add.at(scores, cells, (basis @ along - by_poles) * error)
             np.add.at(own_scores[pair], cells, basis * error)
             influences.append(self.inverses[pair] @ along)
-        covariance = inverse @ (scores.T @ scores) @ inverse
+        moved = scores @ inverse
         stds = np.empty_like(self.residues)
         for pair, by_pole in enumerate(influences):
-            influence = own_scores[pair] @ self.inverses[pair].T + scores @ inverse @ by_pole.T
+            influence = own_scores[pair] @ self.inverses[pair].T + moved @ by_pole.T
             # the lines about a narrow mode are few, and what they scatter may be less than their noise
             by_noise = np.sum(self.inverses[pair] ** 2, axis=1)
             stds[pair] = np.sqrt(np.maximum(np.sum(influence**2, axis=0), by_noise))
-        return covariance, stds
+        return moved.T @ moved, stds
 
     def find_weakest(self, settings: ResponseFitSettings) -> int | None:
         """Return the mode that stands least above its noise, or is damped too much; None if all are clear."""

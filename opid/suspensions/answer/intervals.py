@@ -16,7 +16,7 @@ from opid.mechanics.memory import Loop, force_along, loop_area, sine_like
 from opid.mechanics.weight import slopes_at_rest
 from opid.signals.recording import FloatArray
 from opid.suspensions.fitting.fit import Fit
-from opid.suspensions.fitting.least_squares import score_products
+from opid.suspensions.fitting.least_squares import add_scores
 from opid.suspensions.fitting.repeatability import Levels, Repeatability, levels
 from opid.suspensions.model.driven_model import straight_equivalent
 from opid.suspensions.model.law_parameters import from_free
@@ -84,10 +84,9 @@ def std_over_white(fit: Fit) -> FloatArray:
         own = np.tile(np.arange(n_lines) // known.lines_per_cell, 2 * line.size // n_lines)
         cells.append(n_cells + own)
         n_cells += int(own.max()) + 1
-    small, products = score_products(jacobian[:n], fit.errors.stacked[:n] / fit.variance, np.concatenate(cells))
-    of_prior = jacobian[n:].T @ jacobian[n:]
-    sandwich = posterior @ (small * products + of_prior) @ posterior
-    return np.sqrt(np.maximum(np.diag(sandwich) / np.diag(posterior), 1.0))
+    factor, scores = add_scores(jacobian[:n], fit.errors.stacked[:n] / fit.variance, np.concatenate(cells))
+    moved = np.concatenate([np.sqrt(factor) * scores, jacobian[n:]]) @ posterior
+    return np.sqrt(np.maximum(np.sum(moved**2, axis=0) / np.diag(posterior), 1.0))
 
 
 def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
@@ -119,7 +118,7 @@ def bootstrap_over_white(fit: Fit, rng: np.random.Generator) -> FloatArray:
                 moved[number] += influence @ blocks[first_samples].ravel()[: run.n_samples]
         first += 2 * n_sensors * run.omega.size
     # Prior knowledge is resampled as well.
-    by_prior = np.diag(posterior @ (jacobian[n:].T @ jacobian[n:]) @ posterior)
+    by_prior = np.sum((jacobian[n:] @ posterior) ** 2, axis=0)
     return np.sqrt((moved.var(axis=0) + by_prior) / np.diag(posterior))
 
 

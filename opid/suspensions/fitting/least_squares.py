@@ -462,24 +462,21 @@ def clustered_covariance(jacobian: FloatArray, residual: FloatArray, cells: NDAr
     # The inverse is that of the columns and not of their products, so that parameters that are known a million times
     # less well than others keep their accuracy.
     across, triangle = np.linalg.qr(scaled)
-    factor, scores = _add_scores(across, residual, cells)
-    # As a product of one matrix with itself it has no variance below zero where columns are nearly alike.
+    factor, scores = add_scores(across, residual, cells)
     moved = np.sqrt(factor) * scores @ np.linalg.pinv(triangle, rcond=1e-13).T / scale
     return moved.T @ moved
 
 
-def score_products(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> tuple[float, FloatArray]:
-    """Return the small-sample factor, and the products of scores added up over cells: the middle of the sandwich.
+def add_scores(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> tuple[float, FloatArray]:
+    """Return the small-sample factor, and the scores added up over cells, (n_cells, n_parameters).
 
-    >>> score_products(np.ones((4, 1)), np.array([1.0, 1.0, 1.0, -1.0]), np.array([0, 0, 1, 1]))
-    (2.0, array([[4.]]))
+    A sandwich is made of the scores and not of their products: as a product of one matrix with itself it has no
+    variance below zero where columns are nearly alike.
+
+    >>> add_scores(np.ones((4, 1)), np.array([1.0, 1.0, 1.0, -1.0]), np.array([0, 0, 1, 1]))
+    (2.0, array([[2.],
+           [0.]]))
     """
-    factor, scores = _add_scores(jacobian, residual, cells)
-    return factor, scores.T @ scores
-
-
-def _add_scores(jacobian: FloatArray, residual: FloatArray, cells: NDArray[np.int64]) -> tuple[float, FloatArray]:
-    """Return the small-sample factor, and the scores added up over cells, (n_cells, n_parameters)."""
     _, index = np.unique(cells, return_inverse=True)
     n_cells, n_parameters = int(index.max()) + 1, jacobian.shape[1]
     scores = np.zeros((n_cells, n_parameters))
