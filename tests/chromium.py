@@ -30,8 +30,8 @@ class Reader:
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(file.as_uri())
         self.folder = file.parent
-        for fold in self.page.locator("details.fold summary").all():
-            fold.click()
+        # A click goes beside a fold that a chart above, which is drawn meanwhile, moves between press and release.
+        self.page.evaluate("document.querySelectorAll('details.fold').forEach((fold) => { fold.open = true; })")
         self.boxes = self.page.locator("[data-chart]")
         for k in range(self.boxes.count()):
             # A chart above that is drawn late may move this one out of the window again, so that it is never drawn.
