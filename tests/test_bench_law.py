@@ -360,6 +360,13 @@ def test_one_cycle_over_and_over_cannot_tell_memory():
     found = law_of_bench(bench_of(z, v, force), candidates=("coulomb_friction",))
     assert not found.memory.testable
     assert any("repeats one cycle" in warning for warning in found.warnings)
+    remembering = law_of_bench(bench_of(z, v, force), candidates=("bouc_wen",))
+    assert remembering.law.name == "bouc_wen"
+    assert any("bouc_wen may stand for a law without memory" in warning for warning in remembering.warnings)
+    of_law = remembering.law_estimates["bouc_wen"].values()
+    assert {each.interval95 for each in (remembering.parameters.stiffness_n_per_m, *of_law)} == {None}
+    ends = remembering.cycle.area_j.interval95
+    assert ends[0] < found.cycle.area_j.value < ends[1]
 
 
 # ---- the record ------------------------------------------------------------------------------------

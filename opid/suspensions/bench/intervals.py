@@ -27,7 +27,7 @@ from opid.signals.recording import recording_from_arrays
 from opid.suspensions.answer.numbers import amounts_of_gas, as_gas_column, index_of_gas
 from opid.suspensions.bench.problem import all_points, residual_worth
 from opid.suspensions.bench.record import Bench, rate_of
-from opid.suspensions.bench.settings import BenchSettings, CalibrationSettings, RecordSettings
+from opid.suspensions.bench.settings import DEFAULTS, BenchSettings, CalibrationSettings, RecordSettings
 from opid.suspensions.bench.simulation import SimulatedFit
 from opid.suspensions.fitting.least_squares import SeparableFit, clustered_covariance, independent_samples
 from opid.suspensions.result import GasColumn
@@ -77,6 +77,7 @@ class Spread:
         cell_s: length of the cells over which scores were added up, s.
         reasons: why no parameter has an interval, one sentence each.
         calibration: what is known of gains, lag and mass, whose part the covariance holds.
+        lag_instead_s: the lag of the force with which a law that does not lag explains as much; 0 if none does.
     """
 
     covariance: FloatArray
@@ -84,10 +85,27 @@ class Spread:
     cell_s: float
     reasons: tuple[str, ...]
     calibration: tuple[CalibrationError, ...] = ()
+    lag_instead_s: float = 0.0
 
 
-def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, settings: BenchSettings) -> Spread:
-    """Return the covariance from scores added up over cells longer than the correlation."""
+def find_spread(
+    bench: Bench,
+    fit: SeparableFit,
+    refined: SimulatedFit | None,
+    settings: BenchSettings,
+    *,
+    plainer: SeparableFit | None = None,
+) -> Spread:
+    """Return the covariance from scores added up over cells longer than the correlation.
+
+    Args:
+        bench: the record.
+        fit: the law that was fitted to it.
+        refined: the same law by simulation, whose intervals count; None where there is none.
+        settings: the tuned numbers.
+        plainer: where a term of the law lags behind the motion, the fit of the best law without such a term: if it
+            explains the force as well once the force is shifted, the shift is believed possible.
+    """
     from scipy import special
 
     known: list[tuple[int, float]] = []
@@ -125,11 +143,20 @@ def find_spread(bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, s
             *_explain_no_memory(bench, fit, covariance, settings),
             *_explain_no_mass(bench, fit, slopes, covariance),
         ]
+    unknowns, lag_instead_s = _list_unknowns(bench, fit, refined, settings.calibration), 0.0
+    if plainer is not None and unknowns and unknowns[0].is_imitated:
+        own_cells = cells[: plainer.residual.size]
+        lag_instead_s = _find_lag_instead(bench, unknowns[0], fit, plainer, own_cells, settings)
+        unknowns[0] = replace(unknowns[0], instead=abs(lag_instead_s))
     calibration, by_calibration = _find_calibration(
-        bench, fit, refined, (columns, residual, cells), settings.calibration
+        bench, fit, unknowns, (columns, residual, cells), settings.calibration
     )
-    known_covariance = np.full_like(covariance, np.nan) if reasons else covariance + by_calibration
-    return Spread(known_covariance, student, length / bench.fs, tuple(reasons), calibration)
+    if reasons:
+        covariance = np.full_like(covariance, np.nan)
+        calibration = tuple(replace(each, found=each.found.without_interval()) for each in calibration)
+    else:
+        covariance = covariance + by_calibration
+    return Spread(covariance, student, length / bench.fs, tuple(reasons), calibration, lag_instead_s)
 
 
 # ---- the calibration ----------------------------------------------------------------------------------------
@@ -140,7 +167,7 @@ STRAIGHT_UNITS = {"stiffness": "N/m", "damping": "N s/m", "offset": "N", "mass":
 def _find_calibration(
     bench: Bench,
     fit: SeparableFit,
-    refined: SimulatedFit | None,
+    unknowns: list[_Unknown],
     data: tuple[FloatArray, FloatArray, NDArray[np.int64]],
     known: CalibrationSettings,
 ) -> tuple[tuple[CalibrationError, ...], FloatArray]:
@@ -157,17 +184,16 @@ def _find_calibration(
         values = np.zeros(n_values)
         values[: powers.size] = powers * np.concatenate([fit.weights, fit.law.vector])
         covariance += std**2 * np.outer(values, values)
-    unknowns = _list_unknowns(bench, fit, refined, known)
     calibration, by_unknowns = _tell_unknowns(unknowns, data, known)
-    if refined is None and unknowns and unknowns[0].name is CalibrationName.LAG:
+    if unknowns and unknowns[0].column_at is not None:
         # The force that a lag adds is not proportional to it, so it is computed at the lag that was found before.
-        add_force, previous = _add_late_force(bench), 0.0
+        previous = 0.0
         for _ in range(known.most_lag_passes):
             lag = calibration[0].found
             if lag.value is None or abs(lag.value - previous) <= known.lag_moves * (lag.std or 0.0):
                 break
             previous = lag.value
-            unknowns[0] = replace(unknowns[0], column=add_force(previous))
+            unknowns = [replace(unknowns[0], column=unknowns[0].column_at(previous)), *unknowns[1:]]
             calibration, by_unknowns = _tell_unknowns(unknowns, data, known)
     return (*errors, *calibration), covariance + by_unknowns
 
@@ -181,12 +207,15 @@ def _tell_unknowns(
         return (), np.zeros((slopes.shape[1], slopes.shape[1]))
     columns = np.zeros((residual.size, len(unknowns)))
     columns[: unknowns[0].column.size] = np.stack([each.column for each in unknowns], axis=1)
-    moves = np.linalg.lstsq(slopes / _norms(slopes), columns, rcond=1e-12)[0] / _norms(slopes)[:, np.newaxis]
+    moves = _project(slopes, columns)
     beside = columns - slopes @ moves
     seen = np.linalg.norm(beside, axis=0) > known.least_seen * np.linalg.norm(columns, axis=0)
+    seen &= [not each.is_imitated for each in unknowns]
     believed = np.array(
         [
-            _widen_tolerance(each, beside[:, k], residual, cells, known) if seen[k] else each.tolerance
+            _widen_tolerance(each, beside[:, k], residual, cells, known)
+            if seen[k]
+            else max(each.tolerance, each.instead)
             for k, each in enumerate(unknowns)
         ]
     )
@@ -234,12 +263,25 @@ def _norms(columns: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Unknown:
-    """An unknown of the calibration: its name, unit and tolerance, and (n,) what it adds to the force for each unit."""
+    """An unknown of the calibration.
+
+    Args:
+        name: what it is.
+        unit: its unit.
+        tolerance: what is believed of it.
+        column: (n,) what it adds to the force for each unit, N.
+        column_at: returns the column where the unknown has a value that is not small; None if it adds in proportion.
+        is_imitated: whether a term of the law acts as it does: what remains of it beside that term tells nothing.
+        instead: the value at which it would explain the record in the place of that term; 0 if none would.
+    """
 
     name: CalibrationName
     unit: str
     tolerance: float
     column: FloatArray
+    column_at: Callable[[float], FloatArray] | None = None
+    is_imitated: bool = False
+    instead: float = 0.0
 
 
 def _list_unknowns(
@@ -255,8 +297,10 @@ def _list_unknowns(
     if mass_kg is None:
         mass_kg = known.mass_per_force * float(np.abs(bench.force[samples] - np.mean(bench.force[samples])).max())
     # A motion that is simulated from a late force is late itself.
-    late = -rate_of(bench.force, fs=bench.fs)[0] if refined is None else bench.velocity
-    found = [_Unknown(CalibrationName.LAG, "s", believed_s, late[samples])]
+    if refined is None:
+        found = [_late_force(bench, believed_s, fit.law)]
+    else:
+        found = [_Unknown(CalibrationName.LAG, "s", believed_s, bench.velocity[samples])]
     if refined is None and bench.mass_kg is None:
         found.append(_Unknown(CalibrationName.MASS, "kg", mass_kg, rate_of(bench.velocity, fs=bench.fs)[0][samples]))
     if refined is None:
@@ -264,25 +308,58 @@ def _list_unknowns(
     return [each for each in found if each.tolerance > 0.0]
 
 
-def _add_late_force(bench: Bench) -> Callable[[float], FloatArray]:
-    """Return what gives (n,), for a lag in s, the force that it adds over the lag: minus its mean rate until so late.
+def has_lag(law: Law) -> bool:
+    """Return whether a term of a law lags behind its motion, as the whole force would if it were late."""
+    return any(parameter.role == "lag" for parameter in law.parameter_list)
+
+
+def _late_force(bench: Bench, tolerance_s: float, law: Law) -> _Unknown:
+    """Return the lag of the force, which adds its lag times minus the mean rate of the force until so late.
 
     >>> time = np.arange(400) / 100.0
     >>> bench = Bench(time, np.ones(400), np.sin(2 * time), 100.0, 0.0, "recorded", None, {}, ())
-    >>> added = 0.1 * _add_late_force(bench)(0.1)
+    >>> added = 0.1 * _late_force(bench, 1e-3, Law(())).column_at(0.1)
     >>> bool(np.abs(added - np.sin(2 * time) + np.sin(2 * (time + 0.1)))[50:-50].max() < 0.002)
     True
     """
     from scipy.interpolate import CubicSpline
 
     time = np.arange(bench.force.size) / bench.fs
-    total = CubicSpline(time, rate_of(bench.force, fs=bench.fs)[0]).antiderivative()
+    # The weak harmonics of a force, which the rule for the end of a motion leaves out, tell the lag of a sine.
+    rate, _ = rate_of(bench.force, fs=bench.fs, settings=replace(DEFAULTS.record, left_above=0.0))
+    total = CubicSpline(time, rate).antiderivative()
 
     def add(lag_s: float) -> FloatArray:
         mean = (total(np.clip(time + lag_s, 0.0, time[-1])) - total(time)) / lag_s
         return np.asarray(-mean[bench.samples])
 
-    return add
+    return _Unknown(CalibrationName.LAG, "s", tolerance_s, -rate[bench.samples], add, is_imitated=has_lag(law))
+
+
+def _find_lag_instead(
+    bench: Bench,
+    late: _Unknown,
+    fit: SeparableFit,
+    plainer: SeparableFit,
+    cells: NDArray[np.int64],
+    settings: BenchSettings,
+) -> float:
+    """Return the lag of the force with which a plainer law explains as much as a law that lags, s; 0 if it does not."""
+    slopes, late = all_points(bench).slopes(plainer.law), replace(late, is_imitated=False)
+    calibration, _ = _find_calibration(bench, plainer, [late], (slopes, plainer.residual, cells), settings.calibration)
+    lag_s = calibration[-1].found.value
+    if not lag_s or late.column_at is None:
+        return 0.0
+    added = lag_s * late.column_at(lag_s)
+    left = plainer.residual - added + slopes @ _project(slopes, added)
+    lost = (np.sum(left**2) - np.sum(fit.residual**2)) / np.sum((bench.force[bench.samples] - bench.force.mean()) ** 2)
+    return lag_s if lost < settings.missing_r2 else 0.0
+
+
+def _project(slopes: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return by how much each parameter would take columns for its own."""
+    norms = _norms(slopes)
+    return np.asarray((np.linalg.lstsq(slopes / norms, columns, rcond=1e-12)[0].T / norms).T)
 
 
 def _list_slow_unknowns(bench: Bench, fit: SeparableFit, known: CalibrationSettings) -> list[_Unknown]:
@@ -373,8 +450,10 @@ def warn_of_calibration(calibration: Sequence[CalibrationError], known: Calibrat
         CalibrationName.TRAVEL_CORNER: _CORNER.format(what="travel"),
     }
     for each in calibration:
-        value, std = each.found.value or 0.0, each.found.std or 0.0
-        if each.name in remedies and abs(value) > max(known.told_sigma * std, known.told_of_tolerance * each.tolerance):
+        value, std = each.found.value, each.found.std
+        if value is None or std is None or each.name not in remedies:
+            continue
+        if abs(value) > max(known.told_sigma * std, known.told_of_tolerance * each.tolerance):
             yield remedies[each.name].format(value=value, std=std)
 
 

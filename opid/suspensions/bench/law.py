@@ -8,7 +8,7 @@ simulation of the motion (`simulation`). The intervals also hold for a residual 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -32,6 +32,7 @@ from opid.suspensions.bench.intervals import (
     fades_linearly,
     find_spread,
     gas_of_bench,
+    has_lag,
     has_long_scale,
     loop_of,
     warn_of_calibration,
@@ -47,6 +48,7 @@ from opid.suspensions.bench.problem import (
     thin_record,
 )
 from opid.suspensions.bench.record import Bench, BenchStudy
+from opid.suspensions.bench.separation import explain_inseparable, withhold_below_zero
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit, Simulation, refine_ladder
 from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples
@@ -302,16 +304,34 @@ def _build_result(
     """Compose the result: intervals, memory, the energy of a cycle, and warnings."""
     settings, found = problem.known, chosen(ladder).fit
     refined = simulated.get(found.law_name)
-    spread = find_spread(bench, fit, refined, settings)
+    plainer = _fit_plainer(bench, fit, ladder, settings)
+    spread = find_spread(bench, fit, refined, settings, plainer=plainer)
+    memory = _measure_memory(bench, problem, ladder)
     straight, of_law = estimate_parameters(fit, spread)
-    for name in _measure_distances_to_stops(bench, fit.law):
-        of_law[name] = dict.fromkeys(of_law[name], Estimate())
     index = np.r_[1, fit.weights.size : fit.weights.size + fit.law.vector.size]
     covariance, damping = spread.covariance[np.ix_(index, index)], float(fit.weights[1])
     if bench.is_quasi_static:
         # A quasi-static test does not determine the damping.
         straight.insert(1, Estimate())
         covariance, damping = np.pad(covariance[1:, 1:], (1, 0)), 0.0
+    loop = loop_of(fit.law, covariance[1:, 1:], bench, spread.student)
+    inseparable = tuple(
+        explain_inseparable(
+            bench,
+            float(fit.weights[0]),
+            damping,
+            fit.law,
+            memory_is_testable=memory.testable,
+            settings=settings,
+        )
+    )
+    if inseparable:
+        straight = [each.without_interval() for each in straight]
+        of_law = {kind: {name: each.without_interval() for name, each in own.items()} for kind, own in of_law.items()}
+        loop = loop and replace(loop, area_j=loop.area_j.without_interval())
+    straight[:2], below_zero = withhold_below_zero(straight[:2], fit.law)
+    for name in _measure_distances_to_stops(bench, fit.law):
+        of_law[name] = dict.fromkeys(of_law[name], Estimate())
     result = BenchLaw(
         bench=bench,
         title=title,
@@ -322,8 +342,8 @@ def _build_result(
         r2=1 - float(np.mean(fit.residual**2) / np.var(bench.force[bench.samples])),
         r2_left_out=found.r2_left_out,
         ladder=ladder,
-        memory=_measure_memory(bench, problem, ladder),
-        loop=loop_of(fit.law, covariance[1:, 1:], bench, spread.student),
+        memory=memory,
+        loop=loop,
         cycle=cycle_of(fit.law, damping, covariance, bench, student=spread.student),
         n_independent=independent_samples(fit.residual),
         warnings=(),
@@ -337,8 +357,29 @@ def _build_result(
         calibration=spread.calibration,
     )
     of_calibration = () if result.memory.seen else warn_of_calibration(spread.calibration, settings.calibration)
-    warnings = (*_list_warnings(result, fit), *of_calibration, *spread.reasons)
+    instead = () if plainer is None else _warn_of_lag(fit.law, plainer.law, spread.lag_instead_s)
+    warnings = (*_list_warnings(result, fit), *instead, *below_zero, *inseparable, *of_calibration, *spread.reasons)
     return replace(result, warnings=warnings, not_determined=_find_reason(result))
+
+
+def _fit_plainer(bench: Bench, fit: SeparableFit, ladder: Ladder, settings: BenchSettings) -> SeparableFit | None:
+    """Return the fit of the best law that does not lag, if the chosen one does."""
+    others = [step.fit for step in ladder if not has_lag(step.fit.law)]
+    if not others or not has_lag(fit.law):
+        return None
+    best = min(others, key=lambda each: each.bic)
+    return fit_law(all_points(bench), best.law, best.n_independent, settings)
+
+
+def _warn_of_lag(law: Law, plainer: Law, lag_s: float) -> Iterator[str]:
+    """Yield that the lag of a law may be one of the force."""
+    if lag_s:
+        comes = "after" if lag_s > 0 else "before"
+        yield (
+            f"the law {law.name} lags behind the motion, but a law that does not ({plainer.name}) and a force that "
+            f"comes {abs(lag_s):.2g} s {comes} the motion explain this record as well: the intervals allow for it; "
+            "sample both channels at once with the same filters, or shift the force"
+        )
 
 
 def _measure_memory(bench: Bench, problem: BenchLaws, ladder: Ladder) -> Memory:
@@ -448,16 +489,9 @@ def _list_warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
             f"this one explains {100 * result.r2_left_out:.4g} %: no law of the library has this shape, and the "
             "intervals do not include that error"
         )
-    for name, symbol in (("stiffness_n_per_m", "K"), ("damping_n_s_per_m", "C")):
-        estimate: Estimate = getattr(result.parameters, name)
-        ends = estimate.interval95
-        if not fit.law.terms:
-            found += warn_of_sign(name.partition("_")[0], estimate, is_spring=symbol == "K")
-        elif ends is not None and ends[1] < 0:
-            found.append(
-                f"{symbol} is below zero: it is only the slope that remains beside the terms of the law and has no "
-                "meaning by itself; use the energy that the whole force takes in a cycle"
-            )
+    if not fit.law.terms:
+        found += warn_of_sign("stiffness", result.parameters.stiffness_n_per_m, is_spring=True)
+        found += warn_of_sign("damping", result.parameters.damping_n_s_per_m, is_spring=False)
     if result.cycle.area_j.value is None:
         found.append(
             "the energy that a cycle takes is not given: its interval exceeds the largest energy that the measured "

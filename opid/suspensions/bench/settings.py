@@ -198,6 +198,9 @@ class BenchSettings:
         least_static_r2: if the past is significant and no law explains this fraction of the force, there is no law.
         missing_r2: fraction of the force, and ...
         missing_of_rest: ... of the residual of the law, from which a shape that the library lacks is worth a warning.
+        most_cancelled: a stiffness or damping whose force is more than this many times that of the whole law is
+            cancelled by a term that has a slope as well: springs side by side carry a part of the force each, and only
+            a fit makes one pull against the other.
         forgotten: the last fit begins where the initial value of a memory has faded to this fraction of its force.
         slips: a joint of sliders has no intervals if its last slider slips beyond this fraction of the range of the
             motion: it slips seldom, and is otherwise a spring.
@@ -225,6 +228,7 @@ class BenchSettings:
     least_static_r2: float = 0.5
     missing_r2: float = 0.002
     missing_of_rest: float = 0.1
+    most_cancelled: float = 3.0
     forgotten: float = 0.01
     slips: float = 0.25
     cells_per_correlation: float = 8.0
