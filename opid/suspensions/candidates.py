@@ -38,7 +38,6 @@ from opid.suspensions.fitting.fit import (
     runs_contradict_each_other,
     unexplained,
 )
-from opid.suspensions.fitting.forces import WrongForce
 from opid.suspensions.fitting.noise import (
     KnownNoise,
     is_noise,
@@ -135,6 +134,26 @@ class Task:
     def prior_repeatability(self) -> float:
         """Prior standard deviation of the departures: the usual one if the study states that there are none."""
         return self.repeatability or self.settings.repeatability.usual
+
+
+@dataclass(frozen=True)
+class WrongForce:
+    """A sensor of a force that reads something else than the other sensors say.
+
+    Args:
+        channel: its channel.
+        reads_n: what it reads for 1 N, in the run in which it is furthest off.
+        tolerance: standard deviation of that, as it is stated.
+    """
+
+    channel: str
+    reads_n: float
+    tolerance: float
+
+    @property
+    def words(self) -> str:
+        """What it reads, in words."""
+        return f"{self.channel!r} reads {self.reads_n:.3g} N for each N (stated to be right to {self.tolerance:.2g})"
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from opid.estimate import Estimate
-from opid.suspensions.candidates import FittedStructure, is_mass_free
+from opid.suspensions.candidates import FittedStructure, WrongForce, is_mass_free
 from opid.suspensions.fitting.fit import NO_FIT, Fit, carry_over, fit_model
-from opid.suspensions.fitting.forces import find_wrong_forces
 from opid.suspensions.fitting.repeatability import with_departures, with_own_repeatability
 from opid.suspensions.model.body import Scale
 from opid.suspensions.sensor_facts import ForceSensor
@@ -41,6 +40,23 @@ def with_believed_forces(part: FittedStructure) -> FittedStructure:
         return alone if any(find_wrong_forces(with_them)) else replace(part, found=replace(found, fit=with_them))
     except NO_FIT:
         return part
+
+
+def find_wrong_forces(fit: Fit) -> Iterator[WrongForce]:
+    """Yield the forces in N that contradict each other, or the changes of mass, in a fit with all of them.
+
+    Args:
+        fit: the fit.
+    """
+    model, theta, most = fit.model, fit.theta, fit.model.settings.weighing.used_within_std
+    mu = model.inverse_mass(theta)
+    for scale, _ in model.scales:
+        facts = model.sensors.sprung[scale.channel]
+        reads = [mu * scale.kg * float(model.gains(theta, run.number)[1][scale.channel]) for run in model.runs]
+        furthest = max(reads, key=lambda each: abs(each - 1.0))
+        tolerance = math.hypot(scale.tolerance, facts.gain_repeatability)
+        if abs(furthest - 1.0) > most * tolerance:
+            yield WrongForce(model.sensors.names[scale.channel], furthest, tolerance)
 
 
 def _fit_with(part: FittedStructure, scales: tuple[Scale, ...]) -> Fit:
