@@ -361,6 +361,7 @@ def test_a_formula_is_plain_text_in_a_terminal(kind):
     assert "\\" not in format_formula(kind.latex)
 
 
+@pytest.mark.slow
 def test_friction_that_never_slides_is_no_stiffness_and_the_mass_is_told_all_the_same():
     """It slides after 50 mm and moves over 20 to 30 mm; held at three rms travels it bent all other numbers."""
     gear = LandingGear(law=law("dahl_friction", amplitude_n=8000.0, scale_m=0.05))

@@ -48,6 +48,7 @@ def test_the_interval_of_phase_one_allows_for_the_slip_at_the_lowest_points(seed
     assert abs(smooth.estimates["leaves"].value - TRUE_LEAVES) < 4 * smooth.estimates["leaves"].std
 
 
+@pytest.mark.slow
 def test_both_phases_at_once_find_the_stiffness_while_nothing_slips():
     (found,) = update_study(study(0, is_joint=True)).classes
     slip, leaves = found.coefficients.values()

@@ -93,7 +93,7 @@ def test_a_law_that_does_not_fit_has_less_evidence(data, cubic):
     assert other.log_evidence < cubic.log_evidence - 15
 
 
-@pytest.mark.parametrize("sampler", ["nuts", "transitional"])
+@pytest.mark.parametrize("sampler", [pytest.param("nuts", marks=pytest.mark.slow), "transitional"])
 def test_every_sampler_finds_the_same(data, cubic, sampler):
     if sampler == "nuts":
         pytest.importorskip("nutpie")

@@ -139,13 +139,13 @@ def checked(checker, folder, text, mypy_cache):
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("checker", CHECKERS)
+@pytest.mark.parametrize("checker", [pytest.param("mypy", marks=pytest.mark.slow), "pyright"])
 def test_a_script_of_a_user_passes_the_type_checkers(checker, tmp_path, mypy_cache):
     done = checked(checker, tmp_path, SCRIPT, mypy_cache)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("checker", CHECKERS)
+@pytest.mark.parametrize("checker", [pytest.param("mypy", marks=pytest.mark.slow), "pyright"])
 def test_what_is_not_public_is_refused_by_the_type_checkers(checker, tmp_path, mypy_cache):
     """The check above can fail."""
     said = checked(checker, tmp_path, WRONG, mypy_cache).stdout

@@ -25,6 +25,7 @@ def dampers(real_bench):
     return {test: law_of_bench(study, candidates=REMEMBERING) for test, study in named.items() if test is not None}
 
 
+@pytest.mark.slow
 @needs_data("friction_damper_brfd")
 def test_a_friction_damper_remembers_at_every_tension(dampers):
     for (_, tension, _), found in dampers.items():
@@ -37,6 +38,7 @@ def test_a_friction_damper_remembers_at_every_tension(dampers):
         assert found.memory.moving_mass_kg is None or found.memory.moving_mass_kg < 1000
 
 
+@pytest.mark.slow
 @needs_data("friction_damper_brfd")
 def test_its_friction_grows_with_the_tension(dampers):
     ends = {test: found.cycle.friction_n.interval95 for test, found in dampers.items()}
@@ -51,6 +53,7 @@ def test_its_friction_grows_with_the_tension(dampers):
                 assert told[frequency, tension, amplitude][1] < told[frequency, each, amplitude][0]
 
 
+@pytest.mark.slow
 @needs_data("friction_damper_brfd")
 def test_its_friction_hardly_depends_on_the_frequency(dampers):
     """A viscous damper would take eight times the force at eight times the frequency."""
@@ -59,6 +62,7 @@ def test_its_friction_hardly_depends_on_the_frequency(dampers):
         assert max(forces) < 1.4 * min(forces)
 
 
+@pytest.mark.slow
 @needs_data("friction_damper_brfd")
 def test_its_friction_grows_little_with_the_amplitude(dampers):
     """Backlash is a part of the way, and a smaller one of a longer way; a spring would take three times the force."""

@@ -73,6 +73,7 @@ def falls():
     return laws_of("water_impact")
 
 
+@pytest.mark.slow
 @needs_data("water_impact")
 def test_free_fall_says_that_the_sensors_fit_the_masses(falls):
     for name in falls:
@@ -81,6 +82,7 @@ def test_free_fall_says_that_the_sensors_fit_the_masses(falls):
         assert late_s == pytest.approx(0.27e-3, abs=0.1e-3)
 
 
+@pytest.mark.slow
 @needs_data("water_impact")
 def test_a_programmed_spring_is_found(falls):
     """Undamped springs: the soft one within 4 % of the slow test; the stiff one repeats and lies within 6 % of it."""
@@ -104,6 +106,7 @@ def test_a_programmed_spring_is_found(falls):
     assert np.ptp(repeated) < 0.03 * np.mean(repeated)
 
 
+@pytest.mark.slow
 @needs_data("water_impact")
 def test_a_spring_saturates_where_it_was_programmed_to(falls):
     reached = 0
@@ -119,6 +122,7 @@ def test_a_spring_saturates_where_it_was_programmed_to(falls):
     assert reached >= 3
 
 
+@pytest.mark.slow
 @needs_data("water_impact")
 def test_a_programmed_damper_is_told_from_none(falls):
     for name, (_, found) in falls.items():

@@ -52,6 +52,7 @@ def test_each_set_has_a_sound_study_that_names_the_band_of_its_script(records):
         assert command in text
 
 
+@pytest.mark.slow
 def test_a_building_on_rubber_isolators_is_answered_as_far_as_one_mass_goes(found):
     """Its floors bend and its rubber remembers: the model is the limit, and the other quakes predict each of them."""
     result = found("isolated_building", law="dahl_friction")
@@ -70,6 +71,7 @@ def test_a_building_on_rubber_isolators_is_answered_as_far_as_one_mass_goes(foun
         assert frequency.std > 0.02 * frequency.value
 
 
+@pytest.mark.slow
 def test_the_law_that_is_searched_predicts_a_quake_that_was_left_out(found):
     """Three quakes to a quarter of their motion; the fourth moves the isolators twice as far as the others do."""
     result = found("isolated_building")

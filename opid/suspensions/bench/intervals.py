@@ -26,7 +26,7 @@ from opid.signals.health.inspection import inspect
 from opid.signals.recording import recording_from_arrays
 from opid.suspensions.answer.numbers import amounts_of_gas, as_gas_column, index_of_gas
 from opid.suspensions.bench.problem import all_points, residual_worth
-from opid.suspensions.bench.record import Bench, rate_of
+from opid.suspensions.bench.record import Bench, gain_of_rate, rate_of
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings, CalibrationSettings, RecordSettings
 from opid.suspensions.bench.simulation import SimulatedFit
 from opid.suspensions.fitting.least_squares import SeparableFit, clustered_covariance, independent_samples
@@ -77,7 +77,7 @@ class Spread:
         cell_s: length of the cells over which scores were added up, s.
         reasons: why no parameter has an interval, one sentence each.
         calibration: what is known of gains, lag and mass, whose part the covariance holds.
-        lag_instead_s: the lag of the force with which a law that does not lag explains as much; 0 if none does.
+        imitated_lag_s: the lag of the force with which a law that does not lag explains as much; 0 if none does.
     """
 
     covariance: FloatArray
@@ -85,7 +85,7 @@ class Spread:
     cell_s: float
     reasons: tuple[str, ...]
     calibration: tuple[CalibrationError, ...] = ()
-    lag_instead_s: float = 0.0
+    imitated_lag_s: float = 0.0
 
 
 def find_spread(
@@ -94,7 +94,7 @@ def find_spread(
     refined: SimulatedFit | None,
     settings: BenchSettings,
     *,
-    plainer: SeparableFit | None = None,
+    without_lag: SeparableFit | None = None,
 ) -> Spread:
     """Return the covariance from scores added up over cells longer than the correlation.
 
@@ -103,7 +103,7 @@ def find_spread(
         fit: the law that was fitted to it.
         refined: the same law by simulation, whose intervals count; None where there is none.
         settings: the tuned numbers.
-        plainer: where a term of the law lags behind the motion, the fit of the best law without such a term: if it
+        without_lag: where a term of the law lags behind the motion, the fit of the best law without such a term: if it
             explains the force as well once the force is shifted, the shift is believed possible.
     """
     from scipy import special
@@ -143,11 +143,11 @@ def find_spread(
             *_explain_no_memory(bench, fit, covariance, settings),
             *_explain_no_mass(bench, fit, slopes, covariance),
         ]
-    unknowns, lag_instead_s = _list_unknowns(bench, fit, refined, settings.calibration), 0.0
-    if plainer is not None and unknowns and unknowns[0].is_imitated:
-        own_cells = cells[: plainer.residual.size]
-        lag_instead_s = _find_lag_instead(bench, unknowns[0], fit, plainer, own_cells, settings)
-        unknowns[0] = replace(unknowns[0], instead=abs(lag_instead_s))
+    unknowns, imitated_lag_s = _list_unknowns(bench, fit, refined, settings), 0.0
+    if without_lag is not None and unknowns and unknowns[0].column_at is not None:
+        own_cells = cells[: without_lag.residual.size]
+        imitated_lag_s = _find_imitated_lag(bench, unknowns[0], fit, without_lag, own_cells, settings.calibration)
+        unknowns[0] = replace(unknowns[0], imitated=imitated_lag_s)
     calibration, by_calibration = _find_calibration(
         bench, fit, unknowns, (columns, residual, cells), settings.calibration
     )
@@ -156,7 +156,7 @@ def find_spread(
         calibration = tuple(replace(each, found=each.found.without_interval()) for each in calibration)
     else:
         covariance = covariance + by_calibration
-    return Spread(covariance, student, length / bench.fs, tuple(reasons), calibration, lag_instead_s)
+    return Spread(covariance, student, length / bench.fs, tuple(reasons), calibration, imitated_lag_s)
 
 
 # ---- the calibration ----------------------------------------------------------------------------------------
@@ -184,18 +184,28 @@ def _find_calibration(
         values = np.zeros(n_values)
         values[: powers.size] = powers * np.concatenate([fit.weights, fit.law.vector])
         covariance += std**2 * np.outer(values, values)
-    calibration, by_unknowns = _tell_unknowns(unknowns, data, known)
-    if unknowns and unknowns[0].column_at is not None:
-        # The force that a lag adds is not proportional to it, so it is computed at the lag that was found before.
-        previous = 0.0
-        for _ in range(known.most_lag_passes):
-            lag = calibration[0].found
-            if lag.value is None or abs(lag.value - previous) <= known.lag_moves * (lag.std or 0.0):
-                break
-            previous = lag.value
-            unknowns = [replace(unknowns[0], column=unknowns[0].column_at(previous)), *unknowns[1:]]
-            calibration, by_unknowns = _tell_unknowns(unknowns, data, known)
+    calibration, by_unknowns = _tell_unknowns(_settle_lag(unknowns, data, known), data, known)
+    if unknowns and not calibration[0].found.value:
+        calibration, by_unknowns = _tell_unknowns(unknowns, data, known)
     return (*errors, *calibration), covariance + by_unknowns
+
+
+def _settle_lag(
+    unknowns: Sequence[_Unknown], data: tuple[FloatArray, FloatArray, NDArray[np.int64]], known: CalibrationSettings
+) -> Sequence[_Unknown]:
+    """Return the unknowns, and what a lag adds at the lag that was found with it: it is not proportional to the lag."""
+    previous, at = 0.0, unknowns[0].column_at if unknowns else None
+    if at is None:
+        return unknowns
+    # Before the last pass what is left over holds a part of the lag, beside which noise cannot be told.
+    known = replace(known, above_noise=0.0)
+    for _ in range(known.most_lag_passes):
+        lag = _tell_unknowns(unknowns, data, known)[0][0].found
+        if not lag.value or abs(lag.value - previous) <= known.lag_moves * (lag.std or 0.0):
+            break
+        previous = lag.value
+        unknowns = [replace(unknowns[0], column=at(previous)), *unknowns[1:]]
+    return unknowns
 
 
 def _tell_unknowns(
@@ -209,27 +219,39 @@ def _tell_unknowns(
     columns[: unknowns[0].column.size] = np.stack([each.column for each in unknowns], axis=1)
     moves = _project(slopes, columns)
     beside = columns - slopes @ moves
-    seen = np.linalg.norm(beside, axis=0) > known.least_seen * np.linalg.norm(columns, axis=0)
-    seen &= [not each.is_imitated for each in unknowns]
+    for k, each in enumerate(unknowns):
+        if each.is_end is not None:
+            beside[: each.is_end.size][each.is_end, k] = 0.0
+    # What a column holds of the noise of the force looks like a remainder that the law cannot imitate.
+    left = residual - beside @ _project(beside, residual)
+    noise = np.linalg.norm(left) * np.array([each.noise for each in unknowns])
+    size = np.maximum(known.above_noise * noise, known.least_seen * np.linalg.norm(columns, axis=0))
+    seen = np.linalg.norm(beside, axis=0) > size
+    seen &= [each.imitated == 0.0 for each in unknowns]
     believed = np.array(
         [
             _widen_tolerance(each, beside[:, k], residual, cells, known)
             if seen[k]
-            else max(each.tolerance, each.instead)
+            else max(each.tolerance, abs(each.imitated))
             for k, each in enumerate(unknowns)
         ]
     )
     # Counted in tolerances, which may be as small as one likes, the prior is the standard normal.
     mean, posterior = np.zeros(len(unknowns)), np.eye(len(unknowns))
     if seen.any():
-        columns = beside[:, seen] * believed[seen]
-        told = np.linalg.lstsq(columns, residual, rcond=None)[0]
-        covariance_of_told = clustered_covariance(columns, residual - columns @ told, cells)
-        precision, axes = np.linalg.eigh(np.linalg.pinv(covariance_of_told, hermitian=True))
+        # Of several unknowns only the sums are told that stand above what noise would make of them.
+        scaled = beside[:, seen] / size[seen]
+        _, heights, axes = np.linalg.svd(scaled, full_matrices=False)
+        kept = axes[heights > 1.0]
+        of_sums = scaled @ kept.T
+        told = np.linalg.lstsq(of_sums, residual, rcond=None)[0]
+        covariance_of_told = clustered_covariance(of_sums, residual - of_sums @ told, cells)
+        sums, precision_of_told = kept * (size * believed)[seen], np.linalg.pinv(covariance_of_told, hermitian=True)
+        precision, axes = np.linalg.eigh(sums.T @ precision_of_told @ sums)
         shown = np.maximum(precision, 0.0)
         own = np.ix_(seen, seen)
         posterior[own] = (axes / (1.0 + shown)) @ axes.T
-        mean[seen] = axes @ (shown / (1.0 + shown) * (axes.T @ told))
+        mean[seen] = posterior[own] @ (sums.T @ (precision_of_told @ told))
     mean, posterior = believed * mean, posterior * np.outer(believed, believed)
     errors = tuple(
         CalibrationError(each.name, each.unit, each.tolerance, Estimate.normal(value, std))
@@ -237,7 +259,10 @@ def _tell_unknowns(
     )
     # The parameters stay those of the fit, so the mean is an error of theirs, too, and so is each cause by itself.
     alone = np.diag(
-        [value**2 if value > each.tolerance else 0.0 for value, each in zip(believed.tolist(), unknowns, strict=True)]
+        [
+            value**2 if value > each.tolerance and not each.imitated else 0.0
+            for value, each in zip(believed.tolist(), unknowns, strict=True)
+        ]
     )
     squares, axes = np.linalg.eigh(posterior + np.outer(mean, mean) + alone)
     moved = moves @ axes * np.sqrt(np.maximum(squares, 0.0))
@@ -271,8 +296,11 @@ class _Unknown:
         tolerance: what is believed of it.
         column: (n,) what it adds to the force for each unit, N.
         column_at: returns the column where the unknown has a value that is not small; None if it adds in proportion.
-        is_imitated: whether a term of the law acts as it does: what remains of it beside that term tells nothing.
-        instead: the value at which it would explain the record in the place of that term; 0 if none would.
+        noise: rms of the column where the force is white noise of an rms of 1.
+        is_end: (n,) whether a sample is so near to an end of the record that its rate is not exact there: what the
+            column is there beside the law tells nothing. None if it needs no rate.
+        imitated: the value at which it would explain the record as well as a term of the law does, in whose place the
+            record then tells nothing of it; 0 if there is none.
     """
 
     name: CalibrationName
@@ -280,17 +308,18 @@ class _Unknown:
     tolerance: float
     column: FloatArray
     column_at: Callable[[float], FloatArray] | None = None
-    is_imitated: bool = False
-    instead: float = 0.0
+    noise: float = 0.0
+    is_end: NDArray[np.bool_] | None = None
+    imitated: float = 0.0
 
 
 def _list_unknowns(
-    bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, known: CalibrationSettings
+    bench: Bench, fit: SeparableFit, refined: SimulatedFit | None, settings: BenchSettings
 ) -> list[_Unknown]:
     """Return what is not exact and adds a force, where the test has it; the lag is the first."""
+    tolerances, samples, known = bench.tolerances, bench.samples, settings.calibration
     if bench.is_quasi_static:
-        return []
-    tolerances, samples = bench.tolerances, bench.samples
+        return [each for each in _list_drifts(bench, fit) if each.tolerance > 0.0]
     believed_s, mass_kg = tolerances.lag_tolerance_s, tolerances.mass_tolerance_kg
     if believed_s is None:
         believed_s = float(np.hypot(USUAL_LAG_TOLERANCE_S, known.samples_of_lag / bench.fs))
@@ -298,13 +327,13 @@ def _list_unknowns(
         mass_kg = known.mass_per_force * float(np.abs(bench.force[samples] - np.mean(bench.force[samples])).max())
     # A motion that is simulated from a late force is late itself.
     if refined is None:
-        found = [_late_force(bench, believed_s, fit.law)]
+        found = [_late_force(bench, believed_s, replace(settings.record, left_above=known.left_above))]
     else:
         found = [_Unknown(CalibrationName.LAG, "s", believed_s, bench.velocity[samples])]
     if refined is None and bench.mass_kg is None:
-        found.append(_Unknown(CalibrationName.MASS, "kg", mass_kg, rate_of(bench.velocity, fs=bench.fs)[0][samples]))
+        found.append(_moving_mass(bench, mass_kg))
     if refined is None:
-        found += _list_slow_unknowns(bench, fit, known)
+        found += [*_list_drifts(bench, fit), *_list_corners(bench, fit, known)]
     return [each for each in found if each.tolerance > 0.0]
 
 
@@ -313,47 +342,77 @@ def has_lag(law: Law) -> bool:
     return any(parameter.role == "lag" for parameter in law.parameter_list)
 
 
-def _late_force(bench: Bench, tolerance_s: float, law: Law) -> _Unknown:
+def _late_force(bench: Bench, tolerance_s: float, record: RecordSettings) -> _Unknown:
     """Return the lag of the force, which adds its lag times minus the mean rate of the force until so late.
 
     >>> time = np.arange(400) / 100.0
     >>> bench = Bench(time, np.ones(400), np.sin(2 * time), 100.0, 0.0, "recorded", None, {}, ())
-    >>> added = 0.1 * _late_force(bench, 1e-3, Law(())).column_at(0.1)
+    >>> added = 0.1 * _late_force(bench, 1e-3, RecordSettings()).column_at(0.1)
     >>> bool(np.abs(added - np.sin(2 * time) + np.sin(2 * (time + 0.1)))[50:-50].max() < 0.002)
     True
     """
     from scipy.interpolate import CubicSpline
 
     time = np.arange(bench.force.size) / bench.fs
-    # The weak harmonics of a force, which the rule for the end of a motion leaves out, tell the lag of a sine.
-    rate, _ = rate_of(bench.force, fs=bench.fs, settings=replace(DEFAULTS.record, left_above=0.0))
+    rate, band_hz = rate_of(bench.force, fs=bench.fs, settings=record)
     total = CubicSpline(time, rate).antiderivative()
 
     def add(lag_s: float) -> FloatArray:
         mean = (total(np.clip(time + lag_s, 0.0, time[-1])) - total(time)) / lag_s
         return np.asarray(-mean[bench.samples])
 
-    return _Unknown(CalibrationName.LAG, "s", tolerance_s, -rate[bench.samples], add, is_imitated=has_lag(law))
+    noise = _amplify_noise(bench, band_hz)
+    return _Unknown(CalibrationName.LAG, "s", tolerance_s, -rate[bench.samples], add, noise, _find_ends(bench, band_hz))
 
 
-def _find_lag_instead(
+def _moving_mass(bench: Bench, tolerance_kg: float) -> _Unknown:
+    """Return the mass between force cell and specimen; at most the whole noise is that of the motion."""
+    acceleration, band_hz = rate_of(bench.velocity, fs=bench.fs)
+    motion, bands_hz = bench.velocity, [band_hz]
+    if bench.velocity_band_hz is not None:  # it was differentiated from the travel
+        motion, bands_hz = bench.travel, [band_hz, bench.velocity_band_hz]
+    samples = bench.samples
+    noise = _amplify_noise(bench, *bands_hz) * float(np.std(motion[samples]) / np.std(bench.force[samples]))
+    return _Unknown(
+        CalibrationName.MASS, "kg", tolerance_kg, acceleration[samples], None, noise, _find_ends(bench, min(bands_hz))
+    )
+
+
+def _find_ends(bench: Bench, band_hz: float) -> NDArray[np.bool_]:
+    """Return which samples that count lie within the ringing of the filter of a rate from an end of the record."""
+    n, settings = bench.force.size, DEFAULTS.calibration
+    reach = min(settings.ringing * bench.fs / band_hz, settings.longest_end * n)
+    return np.asarray(np.minimum(bench.samples, n - 1 - bench.samples) < reach)
+
+
+def _amplify_noise(bench: Bench, *bands_hz: float) -> float:
+    """Return the rms of white noise of an rms of 1 after it was differentiated, 1/s for each band."""
+    frequency = np.linspace(0.0, bench.fs / 2, 1000)
+    return float(np.sqrt(np.mean(np.prod([gain_of_rate(frequency, band) for band in bands_hz], axis=0) ** 2)))
+
+
+def _find_imitated_lag(
     bench: Bench,
     late: _Unknown,
     fit: SeparableFit,
-    plainer: SeparableFit,
+    without_lag: SeparableFit,
     cells: NDArray[np.int64],
-    settings: BenchSettings,
+    known: CalibrationSettings,
 ) -> float:
-    """Return the lag of the force with which a plainer law explains as much as a law that lags, s; 0 if it does not."""
-    slopes, late = all_points(bench).slopes(plainer.law), replace(late, is_imitated=False)
-    calibration, _ = _find_calibration(bench, plainer, [late], (slopes, plainer.residual, cells), settings.calibration)
-    lag_s = calibration[-1].found.value
-    if not lag_s or late.column_at is None:
+    """Return the lag of the force with which a law that does not lag explains as much as one that does, s; else 0."""
+    slopes = all_points(bench).slopes(without_lag.law)
+    # What it leaves need not be noise, so noise is not compared with it.
+    loose, data = replace(known, above_noise=0.0), (slopes, without_lag.residual, cells)
+    calibration, _ = _find_calibration(bench, without_lag, [late], data, loose)
+    lag_s, std = calibration[-1].found.value or 0.0, calibration[-1].found.std or 0.0
+    if late.column_at is None or abs(lag_s) <= known.told_sigma * std:
         return 0.0
     added = lag_s * late.column_at(lag_s)
-    left = plainer.residual - added + slopes @ _project(slopes, added)
-    lost = (np.sum(left**2) - np.sum(fit.residual**2)) / np.sum((bench.force[bench.samples] - bench.force.mean()) ** 2)
-    return lag_s if lost < settings.missing_r2 else 0.0
+    left = without_lag.residual - added + slopes @ _project(slopes, added)
+    more, beyond = np.sum(left**2) / np.sum(fit.residual**2), np.sum(left**2) - np.sum(fit.residual**2)
+    # A delay that the tolerance does not hold need not be one of all frequencies, as that of a filter is not.
+    is_near = abs(lag_s) > late.tolerance and beyond < known.nearly * left.size * np.var(bench.force[bench.samples])
+    return lag_s if more < known.as_well or is_near else 0.0
 
 
 def _project(slopes: FloatArray, columns: FloatArray) -> FloatArray:
@@ -362,27 +421,37 @@ def _project(slopes: FloatArray, columns: FloatArray) -> FloatArray:
     return np.asarray((np.linalg.lstsq(slopes / norms, columns, rcond=1e-12)[0].T / norms).T)
 
 
-def _list_slow_unknowns(bench: Bench, fit: SeparableFit, known: CalibrationSettings) -> list[_Unknown]:
-    """Return the drifts of the gains, and the high-pass filters of first order of the channels.
+def _list_drifts(bench: Bench, fit: SeparableFit) -> list[_Unknown]:
+    """Return the drifts of the gains from the middle of the record to its end; a preload drifts with the force."""
+    late, gain = np.linspace(-1.0, 1.0, bench.force.size), bench.tolerances.gain_tolerance
+    stiffness, damping, away = _find_tangents(bench, fit)
+    columns = (
+        (CalibrationName.FORCE_DRIFT, late * bench.force),
+        (CalibrationName.TRAVEL_DRIFT, -late * (stiffness * away + damping * bench.velocity)),
+    )
+    return [_Unknown(name, "1", gain, column[bench.samples]) for name, column in columns]
+
+
+def _list_corners(bench: Bench, fit: SeparableFit, known: CalibrationSettings) -> list[_Unknown]:
+    """Return the high-pass filters of first order of the channels.
 
     What is read as y behind such a filter of corner b is y + b int y dt before it.
     """
-    samples, force = bench.samples, bench.force - np.mean(bench.force[bench.samples])
-    late = np.linspace(-1.0, 1.0, force.size)
-    by_travel, by_velocity = fit.law.gradient(bench.travel, bench.velocity)
-    stiffness, damping = fit.weights[0] + by_travel, fit.weights[1] + by_velocity
-    away = bench.travel - np.mean(bench.travel)
-    moved = stiffness * away + damping * bench.velocity
-    passed = stiffness * np.cumsum(away) / bench.fs + damping * away
-    gain = bench.tolerances.gain_tolerance
+    force = bench.force - np.mean(bench.force[bench.samples])
+    stiffness, damping, away = _find_tangents(bench, fit)
     corner = 0.0 if bench.tolerances.lag_tolerance_s == 0.0 else known.corner_per_s
     columns = (
-        (CalibrationName.FORCE_DRIFT, "1", gain, late * force),
-        (CalibrationName.TRAVEL_DRIFT, "1", gain, -late * moved),
-        (CalibrationName.FORCE_CORNER, "1/s", corner, -np.cumsum(force) / bench.fs),
-        (CalibrationName.TRAVEL_CORNER, "1/s", corner, passed),
+        (CalibrationName.FORCE_CORNER, -np.cumsum(force) / bench.fs),
+        (CalibrationName.TRAVEL_CORNER, stiffness * np.cumsum(away) / bench.fs + damping * away),
     )
-    return [_Unknown(name, unit, tolerance, column[samples]) for name, unit, tolerance, column in columns]
+    return [_Unknown(name, "1/s", corner, column[bench.samples]) for name, column in columns]
+
+
+def _find_tangents(bench: Bench, fit: SeparableFit) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return tangent stiffness, N/m, and damping, N s/m, and the travel from its mean, m, of every sample."""
+    by_travel, by_velocity = fit.law.gradient(bench.travel, bench.velocity)
+    damping = 0.0 if bench.is_quasi_static else fit.weights[1]
+    return fit.weights[0] + by_travel, damping + by_velocity, bench.travel - np.mean(bench.travel)
 
 
 def _count_powers(bench: Bench, fit: SeparableFit) -> dict[CalibrationName, FloatArray]:
@@ -438,9 +507,8 @@ _CORNER = (
 def warn_of_calibration(calibration: Sequence[CalibrationError], known: CalibrationSettings) -> Iterator[str]:
     """Yield a sentence for a lag and for a mass that the record shows beyond what was believed of it."""
     remedies = {
-        CalibrationName.LAG: "the force comes {value:.2g} s after the motion (standard deviation {std:.1g} s): the "
-        "intervals allow for it, and no value is corrected; sample both channels at once with the same filters, or "
-        "shift the force",
+        CalibrationName.LAG: "the force comes {size:.2g} s {after} the motion (standard deviation {std:.1g} s): the "
+        "intervals allow for it, and no value is corrected; " + _SHIFT,
         CalibrationName.MASS: "the force follows the acceleration like that of {value:.2g} kg (standard deviation "
         "{std:.1g} kg) between force cell and specimen: the intervals allow for it, and no value is corrected; give "
         "moving_mass = true (--moving-mass), by which the mass is found",
@@ -454,7 +522,30 @@ def warn_of_calibration(calibration: Sequence[CalibrationError], known: Calibrat
         if value is None or std is None or each.name not in remedies:
             continue
         if abs(value) > max(known.told_sigma * std, known.told_of_tolerance * each.tolerance):
-            yield remedies[each.name].format(value=value, std=std)
+            yield remedies[each.name].format(value=value, std=std, size=abs(value), after=_after(value))
+
+
+def warn_of_imitated_lag(law: Law, without_lag: Law, lag_s: float) -> Iterator[str]:
+    """Yield that what lags in a law may be the force.
+
+    Args:
+        law: the law that was found, with a term that lags.
+        without_lag: a law that does not lag, and ...
+        lag_s: ... the lag of the force with which it explains as much, s; 0 if it does not.
+    """
+    if lag_s:
+        yield (
+            f"the law {law.name} lags behind the motion, but a law that does not ({without_lag.name}) and a force that "
+            f"comes {abs(lag_s):.2g} s {_after(lag_s)} the motion explain this record as well: the intervals allow for "
+            f"it; {_SHIFT}"
+        )
+
+
+_SHIFT = "sample both channels at once with the same filters, or shift the force"
+
+
+def _after(lag_s: float) -> str:
+    return "after" if lag_s > 0 else "before"
 
 
 def fades_linearly(term: Term) -> bool:

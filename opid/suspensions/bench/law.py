@@ -8,7 +8,7 @@ simulation of the motion (`simulation`). The intervals also hold for a residual 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 from opid.errors import InputError
 from opid.estimate import Estimate, Estimates
 from opid.json_values import plain
-from opid.mechanics.laws.law import LAWS, Law, default_law, law_rows
+from opid.mechanics.laws.law import LAWS, Law, Term, default_law, law_rows
 from opid.mechanics.memory import Loop
 from opid.progress import Say
 from opid.provenance import ReadFile
@@ -36,6 +36,7 @@ from opid.suspensions.bench.intervals import (
     has_long_scale,
     loop_of,
     warn_of_calibration,
+    warn_of_imitated_lag,
 )
 from opid.suspensions.bench.memory import Memory, measure_memory
 from opid.suspensions.bench.problem import (
@@ -48,7 +49,7 @@ from opid.suspensions.bench.problem import (
     thin_record,
 )
 from opid.suspensions.bench.record import Bench, BenchStudy
-from opid.suspensions.bench.separation import explain_inseparable, withhold_below_zero
+from opid.suspensions.bench.separation import INSTEAD, find_inseparable, is_of_travel
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit, Simulation, refine_ladder
 from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples
@@ -290,7 +291,7 @@ def _choose_kinds(bench: Bench, candidates: Sequence[str] | None) -> tuple[str, 
     kinds = tuple(name for name, kind in LAWS.items() if kind.searched) if candidates is None else tuple(candidates)
     for name in kinds:
         default_law(name)  # refuses an unknown candidate
-    return tuple(name for name in kinds if not bench.is_quasi_static or _is_of_travel(name))
+    return tuple(name for name in kinds if not bench.is_quasi_static or is_of_travel(name))
 
 
 def _build_result(
@@ -304,8 +305,8 @@ def _build_result(
     """Compose the result: intervals, memory, the energy of a cycle, and warnings."""
     settings, found = problem.known, chosen(ladder).fit
     refined = simulated.get(found.law_name)
-    plainer = _fit_plainer(bench, fit, ladder, settings)
-    spread = find_spread(bench, fit, refined, settings, plainer=plainer)
+    without_lag = _fit_without_lag(bench, fit, ladder, settings) if refined is None else None
+    spread = find_spread(bench, fit, refined, settings, without_lag=without_lag)
     memory = _measure_memory(bench, problem, ladder)
     straight, of_law = estimate_parameters(fit, spread)
     index = np.r_[1, fit.weights.size : fit.weights.size + fit.law.vector.size]
@@ -315,27 +316,26 @@ def _build_result(
         straight.insert(1, Estimate())
         covariance, damping = np.pad(covariance[1:, 1:], (1, 0)), 0.0
     loop = loop_of(fit.law, covariance[1:, 1:], bench, spread.student)
-    inseparable = tuple(
-        explain_inseparable(
-            bench,
-            float(fit.weights[0]),
-            damping,
-            fit.law,
-            memory_is_testable=memory.testable,
-            settings=settings,
-        )
+    inseparable = find_inseparable(
+        bench, float(fit.weights[0]), damping, fit.law, memory_is_testable=memory.testable, settings=settings
     )
-    if inseparable:
-        straight = [each.without_interval() for each in straight]
-        of_law = {kind: {name: each.without_interval() for name, each in own.items()} for kind, own in of_law.items()}
+    parameters = StraightPart(*straight)
+    undetermined = [] if spread.reasons else _list_undetermined_scales(fit.law, of_law)
+    if inseparable.of_travel:
+        parameters = parameters.with_estimates(
+            Estimate.without_interval, only=("stiffness_n_per_m", "offset_n", "moving_mass_kg")
+        )
+    if inseparable.of_velocity:
+        parameters = parameters.with_estimates(Estimate.without_interval, only=("damping_n_s_per_m",))
+    for term in filter(inseparable.holds, fit.law.terms):
+        of_law[term.name] = {name: each.without_interval() for name, each in of_law[term.name].items()}
         loop = loop and replace(loop, area_j=loop.area_j.without_interval())
-    straight[:2], below_zero = withhold_below_zero(straight[:2], fit.law)
     for name in _measure_distances_to_stops(bench, fit.law):
         of_law[name] = dict.fromkeys(of_law[name], Estimate())
     result = BenchLaw(
         bench=bench,
         title=title,
-        parameters=StraightPart(*straight),
+        parameters=parameters,
         law=fit.law,
         law_estimates=of_law,
         residual=_compute_residual(bench, fit),
@@ -357,29 +357,26 @@ def _build_result(
         calibration=spread.calibration,
     )
     of_calibration = () if result.memory.seen else warn_of_calibration(spread.calibration, settings.calibration)
-    instead = () if plainer is None else _warn_of_lag(fit.law, plainer.law, spread.lag_instead_s)
-    warnings = (*_list_warnings(result, fit), *instead, *below_zero, *inseparable, *of_calibration, *spread.reasons)
+    of_lag = (
+        without_lag and not spread.reasons and warn_of_imitated_lag(fit.law, without_lag.law, spread.imitated_lag_s)
+    )
+    warnings = (
+        *_list_warnings(result, fit, undetermined),
+        *(of_lag or ()),
+        *inseparable.reasons,
+        *of_calibration,
+        *spread.reasons,
+    )
     return replace(result, warnings=warnings, not_determined=_find_reason(result))
 
 
-def _fit_plainer(bench: Bench, fit: SeparableFit, ladder: Ladder, settings: BenchSettings) -> SeparableFit | None:
+def _fit_without_lag(bench: Bench, fit: SeparableFit, ladder: Ladder, settings: BenchSettings) -> SeparableFit | None:
     """Return the fit of the best law that does not lag, if the chosen one does."""
     others = [step.fit for step in ladder if not has_lag(step.fit.law)]
     if not others or not has_lag(fit.law):
         return None
     best = min(others, key=lambda each: each.bic)
     return fit_law(all_points(bench), best.law, best.n_independent, settings)
-
-
-def _warn_of_lag(law: Law, plainer: Law, lag_s: float) -> Iterator[str]:
-    """Yield that the lag of a law may be one of the force."""
-    if lag_s:
-        comes = "after" if lag_s > 0 else "before"
-        yield (
-            f"the law {law.name} lags behind the motion, but a law that does not ({plainer.name}) and a force that "
-            f"comes {abs(lag_s):.2g} s {comes} the motion explain this record as well: the intervals allow for it; "
-            "sample both channels at once with the same filters, or shift the force"
-        )
 
 
 def _measure_memory(bench: Bench, problem: BenchLaws, ladder: Ladder) -> Memory:
@@ -397,14 +394,6 @@ def _measure_memory(bench: Bench, problem: BenchLaws, ladder: Ladder) -> Memory:
         is_noise=step.fit.r2_left_out < settings.least_r2,
         settings=settings,
     )
-
-
-def _is_of_travel(kind: str) -> bool:
-    """Whether the force of a kind depends on present and past travel, and not on the velocity."""
-    if LAWS[kind].memory is not None:
-        return all(parameter.unit in ("N", "m", "1") for parameter in LAWS[kind].parameters)
-    _, by_velocity = default_law(kind).gradient(np.linspace(-0.01, 0.01, 21), np.linspace(-0.3, 0.3, 21))
-    return not np.any(by_velocity)
 
 
 def _drop_beginning(bench: Bench, law: Law, settings: BenchSettings) -> Bench:
@@ -462,8 +451,17 @@ def _find_reason(result: BenchLaw) -> str | None:
     return None
 
 
-def _list_warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
-    """Return the warnings about the law, one sentence each."""
+def _list_undetermined_scales(law: Law, of_law: Mapping[str, Mapping[str, Estimate]]) -> list[Term]:
+    """Return the terms whose scale is so long that the motion does not determine it."""
+    return [
+        term
+        for term in law.terms
+        if has_long_scale(term) and of_law[term.name][term.kind.parameters[1].name].interval95 is None
+    ]
+
+
+def _list_warnings(result: BenchLaw, fit: SeparableFit, undetermined: Sequence[Term]) -> tuple[str, ...]:
+    """Return the warnings about the law, one sentence each; the scales of some terms are not determined."""
     memory, settings = result.memory, result.settings
     found = list(result.bench.warnings)
     if memory.seen:
@@ -489,9 +487,16 @@ def _list_warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
             f"this one explains {100 * result.r2_left_out:.4g} %: no law of the library has this shape, and the "
             "intervals do not include that error"
         )
-    if not fit.law.terms:
-        found += warn_of_sign("stiffness", result.parameters.stiffness_n_per_m, is_spring=True)
-        found += warn_of_sign("damping", result.parameters.damping_n_s_per_m, is_spring=False)
+    for name, symbol in (("stiffness_n_per_m", "K"), ("damping_n_s_per_m", "C")):
+        estimate: Estimate = getattr(result.parameters, name)
+        ends = estimate.interval95
+        if not fit.law.terms:
+            found += warn_of_sign(name.partition("_")[0], estimate, is_spring=symbol == "K")
+        elif ends is not None and ends[1] < 0:
+            found.append(
+                f"{symbol} is below zero: it is only the slope that remains beside the terms of the law and has no "
+                f"meaning by itself; {INSTEAD}"
+            )
     if result.cycle.area_j.value is None:
         found.append(
             "the energy that a cycle takes is not given: its interval exceeds the largest energy that the measured "
@@ -499,15 +504,14 @@ def _list_warnings(result: BenchLaw, fit: SeparableFit) -> tuple[str, ...]:
         )
     for name, others in _list_rivals(result).items():
         found.append(f"over the visited range {name} cannot be distinguished from {' or '.join(others)}")
-    for term in fit.law.terms:
+    for term in undetermined:
         amplitude, *inner = term.kind.parameters
-        if has_long_scale(term) and result.law_estimates[term.name][inner[0].name].interval95 is None:
-            found.append(
-                f"the motion is too small in comparison with {inner[0].name} of {term.name} to distinguish it from "
-                f"{amplitude.name}: only {amplitude.name} / {inner[0].name}^2 = "
-                f"{term.amplitude / term.inner[0] ** 2:.3g} is determined, and neither has an interval; record larger "
-                "strokes"
-            )
+        found.append(
+            f"the motion is too small in comparison with {inner[0].name} of {term.name} to distinguish it from "
+            f"{amplitude.name}: only {amplitude.name} / {inner[0].name}^2 = "
+            f"{term.amplitude / term.inner[0] ** 2:.3g} is determined, and neither has an interval; record larger "
+            "strokes"
+        )
     found += warn_of_area(result.gas, result.bench.piston_area_m2, settings.gas)
     unreached = _measure_distances_to_stops(result.bench, fit.law)
     found += [f"{name} {describe_unreached_stop(distance_m)}" for name, distance_m in unreached.items()]

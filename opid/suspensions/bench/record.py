@@ -355,13 +355,19 @@ def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAUL
     extended = np.concatenate([-bent[:0:-1], bent, -bent[-2::-1]])
     n_fft = fft.next_fast_len(extended.size, real=True)
     f = fft.rfftfreq(n_fft, 1 / fs)
-    gain = 2j * np.pi * f / (1 + (f / band_hz) ** 8)
-    rate = fft.irfft(fft.rfft(extended, n_fft) * gain, n_fft)[n - 1 : 2 * n - 1]
+    rate = fft.irfft(fft.rfft(extended, n_fft) * 1j * gain_of_rate(f, band_hz), n_fft)[n - 1 : 2 * n - 1]
     return rate + (samples[-1] - samples[0]) / (n - 1) * fs, band_hz
+
+
+def gain_of_rate(frequency_hz: FloatArray, band_hz: float) -> FloatArray:
+    """Return the gain, 1/s, with which `rate_of` differentiates at each frequency, for a band f_c."""
+    return np.asarray(2 * np.pi * frequency_hz / (1 + (frequency_hz / band_hz) ** 8))
 
 
 def _find_end_of_motion(frequency: FloatArray, power: FloatArray, settings: RecordSettings) -> float:
     """Return the frequency above which a spectrum holds noise, Hz."""
+    from scipy import signal
+
     floor = float(np.median(power[-max(1, power.size // 5) :]))
     above = np.flatnonzero(power > settings.above_floor * floor)
     end = int(above[-1]) if above.size else power.size - 1
@@ -372,7 +378,9 @@ def _find_end_of_motion(frequency: FloatArray, power: FloatArray, settings: Reco
     peak = int(np.argmax(thirds))
     valley = int(edges[peak + int(np.argmin(thirds[peak:]))])
     if np.sum(rate[valley:]) < settings.left_above * np.sum(rate):
-        end = min(end, valley)
+        # A line that stands above the noise around it is a motion, too.
+        lines = np.flatnonzero(power > settings.line * signal.medfilt(power, settings.line_width))
+        end = min(end, max(valley, int(lines[-1]) if lines.size else 0))
     return float(frequency[end])
 
 

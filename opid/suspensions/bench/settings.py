@@ -21,6 +21,9 @@ class RecordSettings:
             factor ...
         left_above: ... or up to the minimum of the spectrum of the rate, if less than this fraction of its power lies
             above.
+        line: ... and to the last line whose power exceeds the middle one around it by this factor, which noise of eight
+            stretches does not: a weak second tone is a motion.
+        line_width: number of frequencies of the spectrum that are around it.
         rate_factor: a recorded velocity is the rate of the travel if it is between these multiples of it ...
         rate_correlation: ... and if its correlation with it is at least this.
         driving_correlation: a force that feeds power into the motion with this correlation has the wrong sign.
@@ -38,6 +41,8 @@ class RecordSettings:
     path_steps: int = 4
     above_floor: float = 10.0
     left_above: float = 0.1
+    line: float = 20.0
+    line_width: int = 31
     rate_factor: tuple[float, float] = (0.8, 1.25)
     rate_correlation: float = 0.9
     driving_correlation: float = 0.1
@@ -128,22 +133,39 @@ class CalibrationSettings:
             weigh a hundredth of the force that they are made for.
         least_seen: part of a lag or a mass that the law cannot imitate, as a fraction of its force, below which the
             record says nothing of it.
+        above_noise: ... or below this multiple of what the noise of the force makes of it: a lag that noise tells with
+            its own rate is found too small by a hundredth where it is ten times as large.
+        ringing: periods of the highest frequency of a rate for which it is not exact at an end of the record, where
+            what follows is not known: beside a linear law, a lag of a sine was told by the ends alone ...
+        longest_end: ... but at most this fraction of the record.
         told_sigma: standard deviations from zero at which a lag or a mass that the record shows is told, and at which
             the record is believed in the place of the tolerance: chance does that once in 16,000 records.
         told_of_tolerance: ... if it is also this multiple of its tolerance.
         lag_moves: part of its standard deviation by which a lag moves at most between two passes when it is found: to
             first order, one of 2 ms in a motion of 12 Hz was 10 % too long.
         most_lag_passes: passes after which the lag is that of the last; lags of 10 ms needed eight.
+        left_above: `RecordSettings.left_above` where the force is differentiated for its lag: none of its rate is left
+            out, because weak harmonics tell the lag of a sine.
+        as_well: a law that does not lag, with a late force, is as likely as one that lags if it leaves at most this
+            multiple of the variance: where only a friction lagged, laws without it left twenty times as much, and ...
+        nearly: ... if the lag exceeds its tolerance, what it leaves may be more by this fraction of the force: a filter
+            delays each frequency by another time.
     """
 
     samples_of_lag: float = 0.5
     corner_per_s: float = 0.01
     mass_per_force: float = 1e-3
     least_seen: float = 1e-6
+    above_noise: float = 10.0
+    ringing: float = 6.0
+    longest_end: float = 0.1
     told_sigma: float = 4.0
     told_of_tolerance: float = 2.0
     lag_moves: float = 0.1
     most_lag_passes: int = 20
+    left_above: float = 0.0
+    as_well: float = 5.0
+    nearly: float = 2e-3
 
 
 def _search() -> SearchSettings:
