@@ -197,8 +197,6 @@ def _settle_lag(
     previous, at = 0.0, unknowns[0].column_at if unknowns else None
     if at is None:
         return unknowns
-    # Before the last pass what is left over holds a part of the lag, beside which noise cannot be told.
-    known = replace(known, above_noise=0.0)
     for _ in range(known.most_lag_passes):
         lag = _tell_unknowns(unknowns, data, known)[0][0].found
         if not lag.value or abs(lag.value - previous) <= known.lag_moves * (lag.std or 0.0):
@@ -215,16 +213,15 @@ def _tell_unknowns(
     slopes, residual, cells = data
     if not unknowns:
         return (), np.zeros((slopes.shape[1], slopes.shape[1]))
-    columns = np.zeros((residual.size, len(unknowns)))
-    columns[: unknowns[0].column.size] = np.stack([each.column for each in unknowns], axis=1)
+    n, columns = unknowns[0].column.size, np.zeros((residual.size, len(unknowns)))
+    columns[:n] = np.stack([each.column for each in unknowns], axis=1)
     moves = _project(slopes, columns)
     beside = columns - slopes @ moves
     for k, each in enumerate(unknowns):
         if each.is_end is not None:
             beside[: each.is_end.size][each.is_end, k] = 0.0
     # What a column holds of the noise of the force looks like a remainder that the law cannot imitate.
-    left = residual - beside @ _project(beside, residual)
-    noise = np.linalg.norm(left) * np.array([each.noise for each in unknowns])
+    noise = np.sqrt(n) * np.array([each.noise for each in unknowns])
     size = np.maximum(known.above_noise * noise, known.least_seen * np.linalg.norm(columns, axis=0))
     seen = np.linalg.norm(beside, axis=0) > size
     seen &= [each.imitated == 0.0 for each in unknowns]
@@ -296,7 +293,7 @@ class _Unknown:
         tolerance: what is believed of it.
         column: (n,) what it adds to the force for each unit, N.
         column_at: returns the column where the unknown has a value that is not small; None if it adds in proportion.
-        noise: rms of the column where the force is white noise of an rms of 1.
+        noise: rms of what the column is made of noise, N for each unit.
         is_end: (n,) whether a sample is so near to an end of the record that its rate is not exact there: what the
             column is there beside the law tells nothing. None if it needs no rate.
         imitated: the value at which it would explain the record as well as a term of the law does, in whose place the
@@ -361,21 +358,26 @@ def _late_force(bench: Bench, tolerance_s: float, record: RecordSettings) -> _Un
         mean = (total(np.clip(time + lag_s, 0.0, time[-1])) - total(time)) / lag_s
         return np.asarray(-mean[bench.samples])
 
-    noise = _amplify_noise(bench, band_hz)
-    return _Unknown(CalibrationName.LAG, "s", tolerance_s, -rate[bench.samples], add, noise, _find_ends(bench, band_hz))
+    return _Unknown(
+        CalibrationName.LAG,
+        "s",
+        tolerance_s,
+        -rate[bench.samples],
+        add,
+        _find_noise(bench.force, bench.fs, band_hz),
+        _find_ends(bench, band_hz),
+    )
 
 
 def _moving_mass(bench: Bench, tolerance_kg: float) -> _Unknown:
-    """Return the mass between force cell and specimen; at most the whole noise is that of the motion."""
+    """Return the mass between force cell and specimen."""
     acceleration, band_hz = rate_of(bench.velocity, fs=bench.fs)
     motion, bands_hz = bench.velocity, [band_hz]
     if bench.velocity_band_hz is not None:  # it was differentiated from the travel
         motion, bands_hz = bench.travel, [band_hz, bench.velocity_band_hz]
     samples = bench.samples
-    noise = _amplify_noise(bench, *bands_hz) * float(np.std(motion[samples]) / np.std(bench.force[samples]))
-    return _Unknown(
-        CalibrationName.MASS, "kg", tolerance_kg, acceleration[samples], None, noise, _find_ends(bench, min(bands_hz))
-    )
+    noise, is_end = _find_noise(motion, bench.fs, *bands_hz), _find_ends(bench, min(bands_hz))
+    return _Unknown(CalibrationName.MASS, "kg", tolerance_kg, acceleration[samples], None, noise, is_end)
 
 
 def _find_ends(bench: Bench, band_hz: float) -> NDArray[np.bool_]:
@@ -385,10 +387,23 @@ def _find_ends(bench: Bench, band_hz: float) -> NDArray[np.bool_]:
     return np.asarray(np.minimum(bench.samples, n - 1 - bench.samples) < reach)
 
 
-def _amplify_noise(bench: Bench, *bands_hz: float) -> float:
-    """Return the rms of white noise of an rms of 1 after it was differentiated, 1/s for each band."""
-    frequency = np.linspace(0.0, bench.fs / 2, 1000)
-    return float(np.sqrt(np.mean(np.prod([gain_of_rate(frequency, band) for band in bands_hz], axis=0) ** 2)))
+def _find_noise(samples: FloatArray, fs: float, *bands_hz: float) -> float:
+    """Return the rms that the noise of a signal has after a rate of each of these bands.
+
+    The noise at a frequency is the middle power around it, and at most that of all frequencies: the motion fills less.
+
+    >>> rng, time = np.random.default_rng(0), np.arange(4000) / 500
+    >>> noisy = np.sin(50 * time) + 0.1 * rng.standard_normal(time.size)
+    >>> round(_find_noise(noisy, 500.0), 2), round(_find_noise(noisy, 500.0, 20.0))
+    (0.1, 2)
+    """
+    from scipy import signal
+
+    frequency, power = signal.welch(samples, fs, nperseg=min(256, samples.size))
+    width = RecordSettings().line_width
+    around = signal.medfilt(np.pad(power, width, mode="reflect"), width)[width:-width]
+    gain = np.prod([gain_of_rate(frequency, band) for band in bands_hz], axis=0)
+    return float(np.sqrt(0.5 * fs * np.mean(np.minimum(around, np.median(power)) * gain**2)))
 
 
 def _find_imitated_lag(
@@ -401,9 +416,7 @@ def _find_imitated_lag(
 ) -> float:
     """Return the lag of the force with which a law that does not lag explains as much as one that does, s; else 0."""
     slopes = all_points(bench).slopes(without_lag.law)
-    # What it leaves need not be noise, so noise is not compared with it.
-    loose, data = replace(known, above_noise=0.0), (slopes, without_lag.residual, cells)
-    calibration, _ = _find_calibration(bench, without_lag, [late], data, loose)
+    calibration, _ = _find_calibration(bench, without_lag, [late], (slopes, without_lag.residual, cells), known)
     lag_s, std = calibration[-1].found.value or 0.0, calibration[-1].found.std or 0.0
     if late.column_at is None or abs(lag_s) <= known.told_sigma * std:
         return 0.0
