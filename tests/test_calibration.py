@@ -157,7 +157,7 @@ def test_a_mass_that_a_sine_cannot_tell_is_held_as_it_is_believed():
     by_mass = np.sqrt(found.parameters.stiffness_n_per_m.std**2 - exact.parameters.stiffness_n_per_m.std**2)
     (mass,) = (each for each in found.calibration if each.name == "mass")
     assert by_mass == pytest.approx(np.hypot(mass.found.value, mass.found.std) * omega**2, rel=0.1)
-    assert mass.found.std == mass.tolerance  # on a sine it is a stiffness
+    assert 0.2 * mass.tolerance < mass.found.std <= mass.tolerance  # its growing amplitude says a little at most
 
 
 def test_a_mass_that_noise_tells_is_found_whatever_was_believed():

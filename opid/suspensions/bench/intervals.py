@@ -324,11 +324,11 @@ def _list_unknowns(
         mass_kg = known.mass_per_force * float(np.abs(bench.force[samples] - np.mean(bench.force[samples])).max())
     # A motion that is simulated from a late force is late itself.
     if refined is None:
-        found = [_late_force(bench, believed_s, replace(settings.record, left_above=known.left_above))]
+        found = [_late_force(bench, believed_s, replace(settings.record, left_above=known.left_above), fit.residual)]
     else:
         found = [_Unknown(CalibrationName.LAG, "s", believed_s, bench.velocity[samples])]
     if refined is None and bench.mass_kg is None:
-        found.append(_moving_mass(bench, mass_kg))
+        found.append(_moving_mass(bench, mass_kg, fit.residual))
     if refined is None:
         found += [*_list_drifts(bench, fit), *_list_corners(bench, fit, known)]
     return [each for each in found if each.tolerance > 0.0]
@@ -339,12 +339,12 @@ def has_lag(law: Law) -> bool:
     return any(parameter.role == "lag" for parameter in law.parameter_list)
 
 
-def _late_force(bench: Bench, tolerance_s: float, record: RecordSettings) -> _Unknown:
+def _late_force(bench: Bench, tolerance_s: float, record: RecordSettings, residual: FloatArray) -> _Unknown:
     """Return the lag of the force, which adds its lag times minus the mean rate of the force until so late.
 
     >>> time = np.arange(400) / 100.0
     >>> bench = Bench(time, np.ones(400), np.sin(2 * time), 100.0, 0.0, "recorded", None, {}, ())
-    >>> added = 0.1 * _late_force(bench, 1e-3, RecordSettings()).column_at(0.1)
+    >>> added = 0.1 * _late_force(bench, 1e-3, RecordSettings(), bench.force).column_at(0.1)
     >>> bool(np.abs(added - np.sin(2 * time) + np.sin(2 * (time + 0.1)))[50:-50].max() < 0.002)
     True
     """
@@ -364,19 +364,21 @@ def _late_force(bench: Bench, tolerance_s: float, record: RecordSettings) -> _Un
         tolerance_s,
         -rate[bench.samples],
         add,
-        _find_noise(bench.force, bench.fs, band_hz),
+        _find_noise([bench.force, residual], bench.fs, band_hz),
         _find_ends(bench, band_hz),
     )
 
 
-def _moving_mass(bench: Bench, tolerance_kg: float) -> _Unknown:
+def _moving_mass(bench: Bench, tolerance_kg: float, residual: FloatArray) -> _Unknown:
     """Return the mass between force cell and specimen."""
     acceleration, band_hz = rate_of(bench.velocity, fs=bench.fs)
     motion, bands_hz = bench.velocity, [band_hz]
     if bench.velocity_band_hz is not None:  # it was differentiated from the travel
         motion, bands_hz = bench.travel, [band_hz, bench.velocity_band_hz]
     samples = bench.samples
-    noise, is_end = _find_noise(motion, bench.fs, *bands_hz), _find_ends(bench, min(bands_hz))
+    # The noise of the motion is in the residual, too, as the force that the specimen makes of it.
+    of_residual = residual * float(np.std(motion[samples]) / np.std(bench.force[samples]))
+    noise, is_end = _find_noise([motion, of_residual], bench.fs, *bands_hz), _find_ends(bench, min(bands_hz))
     return _Unknown(CalibrationName.MASS, "kg", tolerance_kg, acceleration[samples], None, noise, is_end)
 
 
@@ -387,23 +389,29 @@ def _find_ends(bench: Bench, band_hz: float) -> NDArray[np.bool_]:
     return np.asarray(np.minimum(bench.samples, n - 1 - bench.samples) < reach)
 
 
-def _find_noise(samples: FloatArray, fs: float, *bands_hz: float) -> float:
-    """Return the rms that the noise of a signal has after a rate of each of these bands.
+def _find_noise(bounds: Sequence[FloatArray], fs: float, *bands_hz: float) -> float:
+    """Return the rms that the noise of a signal has at most after a rate of each of these bands.
 
-    The noise at a frequency is the middle power around it, and at most that of all frequencies: the motion fills less.
+    Args:
+        bounds: signals that hold the noise: it is at most that of the least one, at each frequency the middle power
+            around it or, where that is less, that of all frequencies.
+        fs: sampling frequency, Hz.
+        bands_hz: bands of the rates.
 
     >>> rng, time = np.random.default_rng(0), np.arange(4000) / 500
     >>> noisy = np.sin(50 * time) + 0.1 * rng.standard_normal(time.size)
-    >>> round(_find_noise(noisy, 500.0), 2), round(_find_noise(noisy, 500.0, 20.0))
+    >>> round(_find_noise([noisy], 500.0), 2), round(_find_noise([noisy], 500.0, 20.0))
     (0.1, 2)
     """
     from scipy import signal
 
-    frequency, power = signal.welch(samples, fs, nperseg=min(256, samples.size))
-    width = RecordSettings().line_width
-    around = signal.medfilt(np.pad(power, width, mode="reflect"), width)[width:-width]
+    width, least = RecordSettings().line_width, np.inf
+    for each in bounds:
+        frequency, power = signal.welch(each, fs, nperseg=min(256, *(other.size for other in bounds)))
+        around = signal.medfilt(np.pad(power, width, mode="reflect"), width)[width:-width]
+        least = np.minimum(least, np.minimum(around, np.median(power)))
     gain = np.prod([gain_of_rate(frequency, band) for band in bands_hz], axis=0)
-    return float(np.sqrt(0.5 * fs * np.mean(np.minimum(around, np.median(power)) * gain**2)))
+    return float(np.sqrt(0.5 * fs * np.mean(least * gain**2)))
 
 
 def _find_imitated_lag(
