@@ -362,11 +362,25 @@ def test_one_cycle_over_and_over_cannot_tell_memory():
     assert any("repeats one cycle" in warning for warning in found.warnings)
     remembering = law_of_bench(bench_of(z, v, force), candidates=("bouc_wen",))
     assert remembering.law.name == "bouc_wen"
-    assert any("bouc_wen may stand for a law without memory" in warning for warning in remembering.warnings)
+    assert any(
+        "the memory of bouc_wen may stand for a law without memory" in warning for warning in remembering.warnings
+    )
     of_law = remembering.law_estimates["bouc_wen"].values()
     assert {each.interval95 for each in (remembering.parameters.stiffness_n_per_m, *of_law)} == {None}
     ends = remembering.cycle.area_j.interval95
     assert ends[0] < found.cycle.area_j.value < ends[1]
+
+
+def test_a_cycle_of_two_tones_that_a_memory_may_stand_for_has_no_energy_of_a_sine():
+    """The true kind is no candidate: an arm fits the cycle, but not a sine, which was not recorded."""
+    t, rng = np.arange(4000) / FS, np.random.default_rng(0)
+    z = 0.004 * np.sin(2 * np.pi * t) + 0.003 * np.sin(6 * np.pi * t + 1)
+    v = 0.008 * np.pi * np.cos(2 * np.pi * t) + 0.018 * np.pi * np.cos(6 * np.pi * t + 1)
+    force = 2e4 * z + 100 * v + 2e4 * v * np.abs(v) + 0.3 * rng.standard_normal(t.size)
+    found = law_of_bench(bench_of(z, v, force), candidates=("maxwell_arm",))
+    assert found.law.has_memory
+    assert found.cycle.area_j.interval95 is None
+    assert any("neither has the energy of a cycle" in warning for warning in found.warnings)
 
 
 # ---- the record ------------------------------------------------------------------------------------

@@ -4,9 +4,9 @@ import numpy as np
 from scipy import signal
 
 from opid.mechanics.laws.law import law
+from opid.suspensions.bench.intervals import find_inseparable
 from opid.suspensions.bench.law import law_of_bench
 from opid.suspensions.bench.record import Bench
-from opid.suspensions.bench.separation import find_inseparable
 from opid.suspensions.bench.settings import DEFAULTS
 
 FS = 500.0
@@ -64,7 +64,8 @@ def test_a_damper_that_friction_cancels_leaves_the_spring():
 
 def test_a_memory_that_one_cycle_cannot_show_is_told():
     found = find(2e4, ARM, testable=False)
-    assert found.reasons[0].startswith("on a motion that repeats one cycle maxwell_arm may stand for a law without")
+    assert found.reasons[0].startswith("the memory of maxwell_arm may stand for a law without memory")
+    assert found.of_cycle  # the motion is no sine
     assert found.of_travel
     assert found.of_velocity
     assert find(2e4, CUBIC, testable=False).reasons == ()

@@ -26,7 +26,7 @@ from opid.report.estimates import (
     tabulate_estimates,
 )
 from opid.report.sketch import sketch_bench
-from opid.suspensions.bench.intervals import CalibrationError
+from opid.suspensions.bench.calibration import CalibrationError
 from opid.suspensions.bench.law import UNITS, BenchLaw
 from opid.suspensions.bench.record import BenchTolerances
 

@@ -25,18 +25,23 @@ from opid.result import Result, SummaryRow
 from opid.signals.recording import FloatArray
 from opid.suspensions.answer.numbers import warn_of_area
 from opid.suspensions.answer.warnings import warn_of_sign
-from opid.suspensions.bench.intervals import (
+from opid.suspensions.bench.calibration import (
     CalibrationError,
+    has_lag,
+    warn_of_calibration,
+    warn_of_imitated_lag,
+)
+from opid.suspensions.bench.intervals import (
+    INSTEAD,
     cycle_of,
     estimate_parameters,
     fades_linearly,
+    find_inseparable,
     find_spread,
     gas_of_bench,
-    has_lag,
     has_long_scale,
+    is_of_travel,
     loop_of,
-    warn_of_calibration,
-    warn_of_imitated_lag,
 )
 from opid.suspensions.bench.memory import Memory, measure_memory
 from opid.suspensions.bench.problem import (
@@ -49,7 +54,6 @@ from opid.suspensions.bench.problem import (
     thin_record,
 )
 from opid.suspensions.bench.record import Bench, BenchStudy
-from opid.suspensions.bench.separation import INSTEAD, find_inseparable, is_of_travel
 from opid.suspensions.bench.settings import DEFAULTS, BenchSettings
 from opid.suspensions.bench.simulation import SimulatedFit, Simulation, refine_ladder
 from opid.suspensions.fitting.least_squares import SeparableFit, independent_samples
@@ -316,6 +320,7 @@ def _build_result(
         straight.insert(1, Estimate())
         covariance, damping = np.pad(covariance[1:, 1:], (1, 0)), 0.0
     loop = loop_of(fit.law, covariance[1:, 1:], bench, spread.student)
+    cycle = cycle_of(fit.law, damping, covariance, bench, student=spread.student)
     inseparable = find_inseparable(
         bench, float(fit.weights[0]), damping, fit.law, memory_is_testable=memory.testable, settings=settings
     )
@@ -344,7 +349,7 @@ def _build_result(
         ladder=ladder,
         memory=memory,
         loop=loop,
-        cycle=cycle_of(fit.law, damping, covariance, bench, student=spread.student),
+        cycle=replace(cycle, area_j=cycle.area_j.without_interval()) if inseparable.of_cycle else cycle,
         n_independent=independent_samples(fit.residual),
         warnings=(),
         not_determined=None,

@@ -364,10 +364,15 @@ def gain_of_rate(frequency_hz: FloatArray, band_hz: float) -> FloatArray:
     return np.asarray(2 * np.pi * frequency_hz / (1 + (frequency_hz / band_hz) ** 8))
 
 
+def smooth_floor(power: FloatArray, settings: RecordSettings) -> FloatArray:
+    """Return the middle power around each frequency of a spectrum (n,), which no line raises."""
+    from scipy import ndimage
+
+    return np.asarray(ndimage.median_filter(power, settings.line_width, mode="reflect"))
+
+
 def _find_end_of_motion(frequency: FloatArray, power: FloatArray, settings: RecordSettings) -> float:
     """Return the frequency above which a spectrum holds noise, Hz."""
-    from scipy import signal
-
     floor = float(np.median(power[-max(1, power.size // 5) :]))
     above = np.flatnonzero(power > settings.above_floor * floor)
     end = int(above[-1]) if above.size else power.size - 1
@@ -379,7 +384,7 @@ def _find_end_of_motion(frequency: FloatArray, power: FloatArray, settings: Reco
     valley = int(edges[peak + int(np.argmin(thirds[peak:]))])
     if np.sum(rate[valley:]) < settings.left_above * np.sum(rate):
         # A line that stands above the noise around it is a motion, too.
-        lines = np.flatnonzero(power > settings.line * signal.medfilt(power, settings.line_width))
+        lines = np.flatnonzero(power > settings.line * smooth_floor(power, settings))
         end = min(end, max(valley, int(lines[-1]) if lines.size else 0))
     return float(frequency[end])
 

@@ -223,6 +223,8 @@ class BenchSettings:
         most_cancelled: a stiffness or damping whose force is more than this many times that of the whole law is
             cancelled by a term that has a slope as well: springs side by side carry a part of the force each, and only
             a fit makes one pull against the other.
+        widest_sine: a motion is a sine if its rms travel times its rms acceleration over the square of its rms velocity
+            is less: that is 1.00 for a sine, also for one that grows, and 1.4 for 4 mm at 1 Hz with 3 mm at 3 Hz.
         forgotten: the last fit begins where the initial value of a memory has faded to this fraction of its force.
         slips: a joint of sliders has no intervals if its last slider slips beyond this fraction of the range of the
             motion: it slips seldom, and is otherwise a spring.
@@ -251,6 +253,7 @@ class BenchSettings:
     missing_r2: float = 0.002
     missing_of_rest: float = 0.1
     most_cancelled: float = 3.0
+    widest_sine: float = 1.1
     forgotten: float = 0.01
     slips: float = 0.25
     cells_per_correlation: float = 8.0
