@@ -242,6 +242,7 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
     "force behind a low-pass filter of 30 Hz": (lambda force, travel, rng: (pass_low(force, 30.0), travel), ""),
     "travel behind a low-pass filter of 30 Hz": (lambda force, travel, rng: (force, pass_low(travel, 30.0)), ""),
     "hum in the force": (lambda force, travel, rng: (hum(force, 0.1), travel), ""),
+    "weak hum in the travel": (lambda force, travel, rng: (force, hum(travel, 0.01)), ""),
     "hum in the travel": (lambda force, travel, rng: (force, hum(travel, 0.05)), ""),
     "backlash of the travel sensor": (lambda force, travel, rng: (force, follow_play(travel, 0.05 * travel.std())), ""),
     "half a record twice": (lambda force, travel, rng: (np.tile(force[: N // 2], 2), np.tile(travel[: N // 2], 2)), ""),

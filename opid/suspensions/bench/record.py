@@ -176,7 +176,7 @@ def bench_from_recording(
             "unknown mass is not determined; leave one of them out"
         )
     y, raw, zero, warnings = _read_force_and_travel(recording, force, travel, velocity, settings, mass_kg)
-    rate, band_hz = rate_of(raw, fs=recording.fs, settings=settings)
+    rate, band_hz = rate_of(raw, fs=recording.fs, settings=settings, force=y)
     if velocity is None:
         v, origin = rate, f"{travel!r} differentiated up to {band_hz:.3g} Hz"
     else:
@@ -326,13 +326,22 @@ def _check_counted(counted: ArrayLike, n_samples: int, moving_mass: bool, settin
     return which
 
 
-def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAULTS.record) -> tuple[FloatArray, float]:
+def rate_of(
+    samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAULTS.record, force: FloatArray | None = None
+) -> tuple[FloatArray, float]:
     """Differentiate a signal in the band in which it exceeds its noise.
 
     The Fourier transform is multiplied by j omega / (1 + (f/f_c)^8), zero phase, on a record continued at both ends by
     its point reflection, which keeps value and slope. f_c lies half above the frequency at which the motion ends: where
     the Welch spectrum last stands `above_floor` times above its floor (the median of the top fifth), or before that
-    where the spectrum of the rate is lowest, if all above it holds less than `left_above` of the rate's power.
+    where the spectrum of the rate is lowest, if all above it holds less than `left_above` of the rate's power. A line
+    above it is a motion if the force has it, too: hum of a travel sensor makes no force.
+
+    Args:
+        samples: (n,) the signal.
+        fs: sampling frequency, Hz.
+        settings: the tuned numbers.
+        force: (n,) the force that the signal makes as a motion, N; None if it is not known.
 
     Returns:
         (n,) the rate, in the unit of the signal per second, and f_c, Hz.
@@ -348,9 +357,11 @@ def rate_of(samples: FloatArray, *, fs: float, settings: RecordSettings = DEFAUL
     n = samples.size
     line = np.linspace(samples[0], samples[-1], n)
     bent = samples - line
-    frequency, power = signal.welch(bent, fs, nperseg=min(n, max(256, n // 8)))
+    n_segment = min(n, max(256, n // 8))
+    frequency, power = signal.welch(bent, fs, nperseg=n_segment)
+    of_force = None if force is None else signal.welch(force, fs, nperseg=n_segment)[1]
     # The margin of half an octave keeps the filter from weakening the last strong line.
-    band_hz = float(np.clip(1.5 * _find_end_of_motion(frequency, power, settings), 8 * fs / n, fs / 2))
+    band_hz = float(np.clip(1.5 * _find_end_of_motion(frequency, power, of_force, settings), 8 * fs / n, fs / 2))
     # Both ends of `bent` are zero, so the point reflection is the odd continuation.
     extended = np.concatenate([-bent[:0:-1], bent, -bent[-2::-1]])
     n_fft = fft.next_fast_len(extended.size, real=True)
@@ -371,8 +382,10 @@ def smooth_floor(power: FloatArray, settings: RecordSettings) -> FloatArray:
     return np.asarray(ndimage.median_filter(power, settings.line_width, mode="reflect"))
 
 
-def _find_end_of_motion(frequency: FloatArray, power: FloatArray, settings: RecordSettings) -> float:
-    """Return the frequency above which a spectrum holds noise, Hz."""
+def _find_end_of_motion(
+    frequency: FloatArray, power: FloatArray, of_force: FloatArray | None, settings: RecordSettings
+) -> float:
+    """Return the frequency above which a spectrum holds noise, Hz; the spectrum of the force tells lines from hum."""
     floor = float(np.median(power[-max(1, power.size // 5) :]))
     above = np.flatnonzero(power > settings.above_floor * floor)
     end = int(above[-1]) if above.size else power.size - 1
@@ -383,9 +396,9 @@ def _find_end_of_motion(frequency: FloatArray, power: FloatArray, settings: Reco
     peak = int(np.argmax(thirds))
     valley = int(edges[peak + int(np.argmin(thirds[peak:]))])
     if np.sum(rate[valley:]) < settings.left_above * np.sum(rate):
-        # A line that stands above the noise around it is a motion, too.
-        lines = np.flatnonzero(power > settings.line * smooth_floor(power, settings))
-        end = min(end, max(valley, int(lines[-1]) if lines.size else 0))
+        spectra = () if of_force is None else (power, of_force)
+        lines = [set(np.flatnonzero(each > settings.line * smooth_floor(each, settings)).tolist()) for each in spectra]
+        end = min(end, max([valley, *set.intersection(*lines)])) if lines else min(end, valley)
     return float(frequency[end])
 
 

@@ -21,8 +21,8 @@ class RecordSettings:
             factor ...
         left_above: ... or up to the minimum of the spectrum of the rate, if less than this fraction of its power lies
             above.
-        line: ... and to the last line whose power exceeds the middle one around it by this factor, which noise of eight
-            stretches does not: a weak second tone is a motion.
+        line: ... and to the last line of travel and force whose power exceeds the middle one around it by this factor,
+            which noise of eight stretches does not: a weak second tone is a motion.
         line_width: number of frequencies of the spectrum that are around it.
         rate_factor: a recorded velocity is the rate of the travel if it is between these multiples of it ...
         rate_correlation: ... and if its correlation with it is at least this.
